@@ -1,0 +1,1 @@
+"""The benchmark: its registry, and the command that runs it."""

@@ -1,0 +1,1 @@
+"""The seven domains of the paper, one module each, behind one lookup."""

@@ -1,0 +1,1 @@
+"""Planning with the model known: SARSOP, simpler planners, and exact optima."""

@@ -1,0 +1,1 @@
+"""Training of one cell of the benchmark (domain x agent), all its seeds at once."""
