@@ -65,9 +65,8 @@ class POMDP:
             _check_rows(self.transitions[a], (S, S), f"T[{name}]")
             _check_rows(self.observations[a], (S, O), f"O[{name}]")
         full = (A, S, S, O)
-        fits = self.rewards.ndim == 4 and all(
-            n in (1, m) for n, m in zip(self.rewards.shape, full, strict=True)
-        )
+        R = self.rewards
+        fits = R.ndim == 4 and all(n in (1, m) for n, m in zip(R.shape, full, strict=True))
         _require(fits, f"rewards of shape {self.rewards.shape} do not broadcast to (A, S, S', Ω) = {full}")
         _require(bool(np.isfinite(self.rewards).all()), "rewards must be finite")
         _require(self.start.shape == (S,), f"start has shape {self.start.shape}, not ({S},)")
@@ -135,4 +134,4 @@ def _expected_reward(model: POMDP, a: int) -> Floats:
     else:
         seen = model.observations[a].toarray()[s_next]  # (nonzeros, Ω)
         per_transition = (seen * values).sum(axis=1)
-    return np.bincount(s, weights=T.data * per_transition, minlength=S)
+    return np.bincount(s, weights=T.data * per_transition, minlength=S).astype(np.float64)

@@ -1,0 +1,61 @@
+"""Finds the domains: every module of this package registers what it builds."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Callable
+from functools import cache, lru_cache
+
+from bgn.domains.domain import Domain
+
+_BUILDERS: dict[str, Callable[..., Domain]] = {}
+
+
+class UnknownDomainError(KeyError):
+    """No module registers a domain of that id."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
+def register(domain_id: str) -> Callable[[Callable[..., Domain]], Callable[..., Domain]]:
+    """Register the decorated function as the builder of ``domain_id``; its keywords are the variants."""
+
+    def decorate(builder: Callable[..., Domain]) -> Callable[..., Domain]:
+        if domain_id in _BUILDERS:
+            raise ValueError(f"domain {domain_id!r} is registered twice")
+        _BUILDERS[domain_id] = builder
+        return builder
+
+    return decorate
+
+
+def ids() -> tuple[str, ...]:
+    """Return the ids of all registered domains, sorted."""
+    _discover()
+    return tuple(sorted(_BUILDERS))
+
+
+@lru_cache(maxsize=32)
+def get(domain_id: str, **variant: str | int | float | bool) -> Domain:
+    """Build a domain (once per variant).
+
+    Raises
+    ------
+    UnknownDomainError
+        No such domain; the message lists the known ones.
+    ValueError
+        The domain has no such variant, or the variant's value makes no sense.
+    """
+    if domain_id not in ids():
+        raise UnknownDomainError(f"unknown domain {domain_id!r}; known: {', '.join(ids())}")
+    return _BUILDERS[domain_id](**variant)
+
+
+@cache
+def _discover() -> None:
+    package = importlib.import_module("bgn.domains")
+    for module in pkgutil.iter_modules(package.__path__):
+        if not module.name.startswith("_"):
+            importlib.import_module(f"bgn.domains.{module.name}")
