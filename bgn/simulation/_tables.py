@@ -42,7 +42,7 @@ class Dynamics:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Sensing:
-    """What is observed on arriving in s' = (x', y'). Either the observation is a function of x' or it is drawn."""
+    """What is observed on arriving in s' = (x', y'): a function of x', or drawn."""
 
     of_observed: Tensor | None  # (X,) int64
     cumulative: Tensor | None  # (A*S, Ω) float32, row a * S + s'
@@ -112,13 +112,13 @@ def _entries(model: POMDP) -> _Entries:
         s, s_next = (np.asarray(c, dtype=np.int64) for c in coo.coords)
         live = (coo.data > 0) & ~model.reset[a, s]
         parts.append((s[live], np.full(live.sum(), a), s_next[live], coo.data[live]))
-    s, a, s_next, p = (np.concatenate(column) for column in zip(*parts, strict=True))
-    order = np.lexsort((s_next, a, s))
-    return _Entries(s[order], a[order], s_next[order], p[order])
+    s, action, s_next, p = (np.concatenate(column) for column in zip(*parts, strict=True))
+    order = np.lexsort((s_next, action, s))
+    return _Entries(s[order], action[order], s_next[order], p[order])
 
 
 def _positions(keys: Ints, n_keys: int) -> tuple[Ints, Ints]:
-    """Number the equal keys of a sorted array 0, 1, 2…; also return how often each key occurs."""
+    """Count up within runs of equal sorted keys; also return how often each key occurs."""
     counts = np.bincount(keys, minlength=n_keys)
     first = np.cumsum(counts) - counts
     return np.arange(len(keys)) - first[keys], counts
@@ -263,7 +263,8 @@ def _opened(model: MOMDP, prior: NDArray[np.float64], entries: _Entries) -> NDAr
     beliefs = (predicted[:, :, None] * O).transpose(0, 2, 1)  # (A, Ω, S)
     mass = beliefs.sum(axis=2, keepdims=True)
     beliefs = np.divide(beliefs, mass, out=np.zeros_like(beliefs), where=mass > 0)
-    return beliefs.reshape(-1, joint.n_states).astype(np.float32)
+    opened: NDArray[np.float32] = beliefs.reshape(-1, joint.n_states).astype(np.float32)
+    return opened
 
 
 def _tensor(array: NDArray[np.generic], device: torch.device) -> Tensor:

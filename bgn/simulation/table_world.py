@@ -5,8 +5,8 @@ training update can be captured as one CUDA graph.
 
 Episode semantics (paper, Appendix D; authors' code for what the paper leaves open):
 
-- Classic episodes open with one unseen, uniformly random action: the agent's first input is the observation it
-  gave and that action; its reward is dropped. ``hidden_first_action=False`` starts clean instead.
+- Classic episodes open with one unseen, uniformly random action: the agent's first input is the observation
+  it gave and that action; its reward is dropped. ``hidden_first_action=False`` starts clean instead.
 - Taking a in s with ``reset[a, s]`` ends the episode, after earning that pair's reward.
 - A step that reaches the episode limit without ending cuts the episode (``truncated``).
 - A lane whose episode is over shows the next episode's first input after the same step.
@@ -126,7 +126,7 @@ class TableWorld:
         return Inputs(observation, action, observed, state, belief, fresh)
 
     def step(self, action: Tensor, variates: Tensor, openings: Inputs) -> Outcome:
-        """Take ``action`` (N,) in every lane; ``variates`` (N, 2); ``openings``: next episodes' first inputs."""
+        """Take ``action`` (N,) in every lane; ``variates`` (N, 2); lanes that finish go on to ``openings``."""
         dynamics, now = self.tables.dynamics, self.inputs
         entry, state = self._move(now.state, action, variates[:, 0])
         observed = self._observed(state)
