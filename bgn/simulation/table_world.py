@@ -126,7 +126,7 @@ class TableWorld:
         return Inputs(observation, action, observed, state, belief, fresh)
 
     def step(self, action: Tensor, variates: Tensor, openings: Inputs) -> Outcome:
-        """Take ``action`` (N,) in every lane; ``variates`` (N, 2); lanes that finish go on to ``openings``."""
+        """Take ``action`` (N,) in every lane; ``variates`` (N, 2); done lanes take ``openings``."""
         dynamics, now = self.tables.dynamics, self.inputs
         entry, state = self._move(now.state, action, variates[:, 0])
         observed = self._observed(state)
