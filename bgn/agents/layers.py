@@ -1,8 +1,8 @@
 """Seed-stacked layers with hand-written backward passes.
 
-A rollout keeps every activation in a buffer (S, T+1, L, width): S seeds, T steps and one bootstrap slot, L lanes.
-Acting fills one slot at a time; what need not be known to act is computed for all slots at once, as one large
-product. The forward pass of acting *is* the forward pass of training: nothing is computed twice.
+A rollout keeps every activation in a buffer (S, T+1, L, width): S seeds, T steps and one bootstrap slot,
+L lanes. Acting fills one slot at a time; what need not be known to act is computed for all slots at once, as
+one large product. The forward pass of acting *is* the forward pass of training: nothing is computed twice.
 """
 
 from __future__ import annotations
@@ -127,14 +127,19 @@ class Recurrence:
         return seen.add_(self._action_rows[self._row * self.actions.n + last_action])
 
     def step(self, t: int, observation: Tensor, last_action: Tensor, fresh: Tensor) -> Tensor:
-        """Fill slot ``t`` from (S, L) indices; where ``fresh``, memory starts from zero. Returns (S, L, H)."""
-        h = torch.mul(self.hidden, ~fresh[:, :, None], out=self.entering[:, t])
+        """Fill slot ``t`` from (S, L) indices, memory being empty where ``fresh``; returns (S, L, H)."""
+        before = self.hidden if t == 0 else self.features[:, t - 1]
+        h = torch.mul(before, ~fresh[:, :, None], out=self.entering[:, t])
         given = self._gates_of_input(observation, last_action)
         recalled = self._recall(h, self.recurrent[:, t])
         rz = torch.add(given[..., HIDDEN:], recalled[..., : 2 * HIDDEN], out=self.rz[:, t]).sigmoid_()
         r, z = rz[..., :HIDDEN], rz[..., HIDDEN:]
         n = torch.addcmul(given[..., :HIDDEN], r, recalled[..., 2 * HIDDEN :], out=self.n[:, t]).tanh_()
         return torch.lerp(n, h, z, out=self.features[:, t])
+
+    def carry(self, steps: int) -> None:
+        """Keep the memory after ``steps`` steps for the next rollout."""
+        self.hidden.copy_(self.features[:, steps - 1])
 
     def infer(self, hidden: Tensor, observation: Tensor, last_action: Tensor, fresh: Tensor) -> Tensor:
         """Advance any (S, N, H) memory by one step, keeping nothing for training."""
@@ -154,7 +159,7 @@ class Recurrence:
     def backward(self, d_features: Tensor, steps: int, one_hot: Tensor, fresh: Tensor) -> None:
         """Back-propagate (S, T, L, H) through the T steps of the rollout and write all gradients.
 
-        ``one_hot`` (S, T*L, Ω + A + 1) marks each input's observation and last action; ``fresh`` is (S, T, L).
+        ``one_hot`` (S, T*L, Ω + A + 1) marks each input's observation and last action; ``fresh`` (S, T, L).
         """
         W = self.parameters[f"{self.name}.recurrent.weight"].transpose(1, 2)
         h, n = self.entering[:, :steps], self.n[:, :steps]

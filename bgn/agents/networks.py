@@ -1,7 +1,7 @@
 """The networks of Appendix B for a stack of seeds: one branch for the actor, one for the critic.
 
-A branch turns its input (history, belief or state) into features, and features into an output (policy logits or
-a value) and, when grounded, into a reconstruction of the belief (paper, Figure 1).
+A branch turns its input (history, belief or state) into features, and features into an output (policy logits
+or a value) and, when grounded, into a reconstruction of the belief (paper, Figure 1).
 """
 
 from __future__ import annotations
@@ -160,9 +160,9 @@ class Branch:
         return self.head.forward(self.body.step(t, self._inputs(memory)[:, t]))
 
     def all_slots(self, memory: Memory) -> Tensor:
-        """Outputs for all slots at once: (S, T+1, L, outputs)."""
+        """Compute the outputs of all slots at once: (S, T+1, L, outputs)."""
         features = self.body.all_slots(self._inputs(memory))
-        return self.head.forward(features.flatten(1, 2)).unflatten(1, features.shape[1:3])
+        return self.head.forward(features.flatten(1, 2)).view(*features.shape[:3], -1)
 
     def belief_logits(self, steps: int) -> Tensor:
         """Reconstructed belief b̂ of the first ``steps`` slots before the softmax: (S, T*L, Y)."""
@@ -275,8 +275,10 @@ class AgentNetworks:
 
     def allocate(self, slots: int, lanes: int) -> None:
         """Create all activation buffers of a rollout with ``slots`` = T + 1."""
-        for part in (*self.recurrences, self.actor, self.critic):
-            part.allocate(slots, lanes)
+        for recurrence in self.recurrences:
+            recurrence.allocate(slots, lanes)
+        for branch in (self.actor, self.critic):
+            branch.allocate(slots, lanes)
 
     def prepare(self) -> None:
         """Make this update's look-up tables; call after every change of the parameters."""

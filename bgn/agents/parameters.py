@@ -115,6 +115,6 @@ def _padded(shape: tuple[int, ...]) -> int:
 def _views(buffer: Tensor, shapes: Mapping[str, tuple[int, ...]]) -> list[tuple[str, Tensor]]:
     views, offset = [], 0
     for name, shape in shapes.items():
-        views.append((name, buffer[:, offset : offset + math.prod(shape)].unflatten(1, shape)))
+        views.append((name, buffer[:, offset : offset + math.prod(shape)].view(len(buffer), *shape)))
         offset += _padded(shape)
     return views
