@@ -52,7 +52,7 @@ class Executor:
     def _capture(self) -> torch.cuda.CUDAGraph:
         """Capture one update; the learner's state is as before, since warming up is undone."""
         before = {name: tensor.clone() for name, tensor in self.learner.state().items()}
-        stream = torch.cuda.Stream()
+        stream = torch.cuda.Stream()  # type: ignore[no-untyped-call]
         stream.wait_stream(torch.cuda.current_stream())
         with torch.cuda.stream(stream):
             for _ in range(WARM_UP):

@@ -1,4 +1,4 @@
-"""Trains one cell of the benchmark: all its seeds as one stack, from the first step to the final evaluation."""
+"""Trains one cell of the benchmark: all its seeds as one stack, from first step to final evaluation."""
 
 from __future__ import annotations
 
@@ -174,7 +174,7 @@ class _Stack:
         for key, mine in self._identity().items():
             if content[key] != mine:
                 raise CheckpointMismatchError(
-                    f"{self.checkpoint} holds another {key}: {content[key]}, not {mine}; delete it to start over"
+                    f"{self.checkpoint} holds other {key}: {content[key]}, not {mine}; delete it to start over"
                 )
         self.learner.load_state(content["state"])
         self.done, self.curves = content["done"], content["curves"]
