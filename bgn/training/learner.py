@@ -50,8 +50,7 @@ class Learner:
         self.networks.allocate(settings.rollout + 1, settings.lanes)
         parameters = self.networks.parameters
         self.optimiser = RMSProp(
-            parameters.values,
-            parameters.mean_squares,
+            parameters,
             rate=settings.learning_rate,
             decay=settings.rmsprop_decay,
             epsilon=settings.rmsprop_epsilon,
@@ -178,7 +177,7 @@ class Learner:
         )
         critic = critic_loss(advantages, settings.critic_weight)
         cross_entropy = self._backward(policy.gradient, critic.gradient[..., None])
-        self.optimiser.step(self.networks.parameters.gradients, settings.max_gradient_norm)
+        self.optimiser.step(settings.max_gradient_norm)
         losses = torch.stack((entropy, policy.loss, critic.loss, cross_entropy), 1)
         self.recorder.record(self.rewards, done, losses)
 
