@@ -4,6 +4,7 @@ from bgn.pomdp._errors import PomdpFormatError
 from bgn.pomdp.belief import ImpossibleObservationError, update, update_hidden
 from bgn.pomdp.model import MOMDP, POMDP, ModelError
 from bgn.pomdp.reader import load, loads
+from bgn.pomdp.writer import dumps, save
 
 __all__ = [
     "MOMDP",
@@ -11,8 +12,10 @@ __all__ = [
     "ImpossibleObservationError",
     "ModelError",
     "PomdpFormatError",
+    "dumps",
     "load",
     "loads",
+    "save",
     "update",
     "update_hidden",
 ]

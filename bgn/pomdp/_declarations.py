@@ -13,12 +13,14 @@ from bgn.pomdp._errors import PomdpFormatError, fault
 from bgn.pomdp.model import SUM_TOLERANCE, Floats
 
 RESERVED = frozenset(
-    ("discount", "values", "states", "actions", "observations", "start", "include", "exclude")
-    + ("reward", "cost", "uniform", "identity", "reset", "T", "O", "R")
+    (
+        *("discount", "values", "states", "actions", "observations", "start", "include", "exclude"),
+        *("reward", "cost", "uniform", "identity", "reset", "T", "O", "R"),
+    )
 )
 
 MAX_SIZE = 1_000_000
-"""Most states, actions or observations, and most pairs of state and action: a slip of the pen is not obeyed."""
+"""Most states, actions or observations, and most pairs of state and action: beyond lies a slip of the pen."""
 
 
 class Space:

@@ -8,7 +8,7 @@ from lark import Token
 
 
 class PomdpFormatError(ValueError):
-    """A file that is not a valid .pomdp model: ``message`` at ``line`` and ``column`` (from 1) of ``source``."""
+    """Not a valid .pomdp model: ``message``, found at ``line`` and ``column`` (from 1) of ``source``."""
 
     def __init__(self, message: str, line: int, column: int, source: str = "<string>") -> None:
         super().__init__(message, line, column, source)
