@@ -50,7 +50,7 @@ class Space:
         if reference.isdecimal():
             return f"{self.kind} index {reference} is out of range; expected 0 to {len(self) - 1}"
         shown = ", ".join(self.names[:8]) + (", …" if len(self) > 8 else "")
-        return f"unknown {self.kind} {reference!r}; expected one of {shown}"
+        return f"unknown {self.kind} '{reference}'; expected one of {shown}"
 
 
 def numbers(tokens: Sequence[Token], expected: int, what: str, *, probabilities: bool) -> Floats:
