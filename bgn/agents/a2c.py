@@ -104,7 +104,8 @@ def belief_loss(logits: Tensor, belief: Tensor, weight: float) -> HeadLoss:
 def sample_actions(policy: Tensor, variates: Tensor) -> Tensor:
     """Draw actions (S, N) from ``policy`` (S, N, A) by inversion; ``variates`` (S, N) uniform on [0, 1)."""
     cumulative = policy.cumsum(-1)[..., :-1]
-    return (variates[..., None] >= cumulative).sum(-1)
+    actions: Tensor = (variates[..., None] >= cumulative).sum(-1)
+    return actions
 
 
 class RMSProp:
@@ -149,8 +150,8 @@ class RewardScaler:
     """Divides rewards by the running standard deviation of the discounted return, clipped to ±10.
 
     One accumulator a lane (γ = 0.99, zeroed where an episode is done) and one running variance a seed, as the
-    environment wrapper of the authors' code keeps them. Sums are kept instead of moments, so that a rollout is
-    merged in closed form.
+    environment wrapper of the authors' code keeps them. Sums are kept instead of moments, so that a rollout
+    is merged in closed form.
     """
 
     DISCOUNT = 0.99
@@ -175,4 +176,5 @@ class RewardScaler:
         variance = squares / count - (total / count) ** 2
         self.sums.copy_(running[:, -1])
         scale = (variance + 1e-8).rsqrt().float()
-        return (rewards * scale[..., None]).clamp_(-self.CLIP, self.CLIP)
+        scaled: Tensor = (rewards * scale[..., None]).clamp_(-self.CLIP, self.CLIP)
+        return scaled

@@ -38,6 +38,19 @@ class Inputs:
     belief: Tensor  # (N, Y) float32 b_Y; left alone unless the world tracks beliefs
     fresh: Tensor  # (N,) bool: this input opens an episode
 
+    def rows(self, start: int, stop: int) -> Inputs:
+        """View the lanes ``start`` to ``stop``."""
+        return Inputs(*(v[start:stop] for v in vars(self).values()))
+
+    def clone(self) -> Inputs:
+        """Copy all tensors."""
+        return Inputs(*(v.clone() for v in vars(self).values()))
+
+    def copy_(self, other: Inputs) -> None:
+        """Overwrite all tensors in place."""
+        for mine, theirs in zip(vars(self).values(), vars(other).values(), strict=True):
+            mine.copy_(theirs)
+
     def select(self, keep: Tensor, other: Inputs) -> Inputs:
         """Take lanes where ``keep`` is true from self, the rest from ``other``."""
         return Inputs(
