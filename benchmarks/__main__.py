@@ -19,19 +19,19 @@ from bgn.domains import UnknownDomainError
 from bgn.results.store import StoreError
 
 _FAILED, _USAGE, _INTERRUPTED = 1, 2, 130
-_PLAIN_WIDTH = 160  # where the output is no terminal, tables are not squeezed
 
 
 def main(arguments: Sequence[str] | None = None, *, tools: Tools = Tools()) -> int:  # noqa: B008
     """Run a command; return its exit status."""
-    console = Console() if sys.stdout.isatty() else Console(width=_PLAIN_WIDTH)
+    console = Console() if sys.stdout.isatty() else Console(width=report.TABLE_WIDTH)
     try:
         benchmark = registry.load()
         options = _parser(benchmark).parse_args(arguments)
         selection = _select(benchmark, options)
         if options.command == "run":
             return _run(selection, options, tools, console)
-        return _show(selection, options, console)
+        show = {"status": _show_status, "tables": _show_tables}[options.command]
+        return show(selection, options, console)
     except (RegistryError, StoreError, UnknownDomainError) as error:
         print(f"error: {error}", file=sys.stderr)
         return _USAGE
@@ -54,20 +54,21 @@ def _run(selection: Selection, options: argparse.Namespace, tools: Tools, consol
                 for event in events:
                     display.note(event)
     statuses = plan.statuses(wanted, store)
-    report.show_tables(selection, statuses, store, console)
+    report.show_tables(selection, store, console)
     if all(status.state is State.CURRENT for status in statuses):
         return 0
     report.show_missing(statuses, console)
     return _FAILED
 
 
-def _show(selection: Selection, options: argparse.Namespace, console: Console) -> int:
-    store = selection.store(options.results)
-    statuses = plan.statuses(selection.wanted(), store)
-    if options.command == "tables":
-        report.show_tables(selection, statuses, store, console)
-    else:
-        report.show_status(selection, statuses, console)
+def _show_status(selection: Selection, options: argparse.Namespace, console: Console) -> int:
+    statuses = plan.statuses(selection.wanted(), selection.store(options.results))
+    report.show_status(selection, statuses, console)
+    return 0
+
+
+def _show_tables(selection: Selection, options: argparse.Namespace, console: Console) -> int:
+    report.show_tables(selection, selection.store(options.results), console)
     return 0
 
 
@@ -93,43 +94,34 @@ def _parser(benchmark: Registry) -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True)
     run = commands.add_parser("run", help="compute what is missing, then print the tables")
     status = commands.add_parser("status", help="say which runs are done, older, failed or missing")
-    tables = commands.add_parser("tables", help="print and write the tables of what is stored")
+    tables = commands.add_parser("tables", help="print and write the tables of everything stored")
+    tables.set_defaults(domain=None, agent=None, reference=None, seeds=None)
     for command in (run, status, tables):
+        _add_store(command, benchmark)
+    for command in (run, status):
         _add_selection(command, benchmark)
     run.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="where to train (default: cpu)")
-    run.add_argument(
-        "--jobs",
-        type=_positive,
-        default=len(os.sched_getaffinity(0)),
-        help="cells side by side (default: cores)",
-    )
+    run.add_argument("--jobs", type=_positive, default=_cores(), help="cells side by side (default: cores)")
     return parser
 
 
-def _add_selection(command: argparse.ArgumentParser, benchmark: Registry) -> None:
-    defaults = benchmark.defaults
-    known = {kind: ", ".join(getattr(benchmark, kind + "s")) for kind in ("domain", "agent", "reference")}
-    command.add_argument(
-        "--budget",
-        default=defaults.budget,
-        help=f"{', '.join(benchmark.budgets)} (default: {defaults.budget})",
-    )
-    command.add_argument(
-        "--preset",
-        default=defaults.preset,
-        help=f"{', '.join(benchmark.presets)} (default: {defaults.preset})",
-    )
-    for kind in ("domain", "agent", "reference"):
-        command.add_argument(
-            f"--{kind}", nargs="+", metavar=kind.upper(), help=f"only these of {known[kind]}"
-        )
-    command.add_argument("--seeds", type=parse_seeds, help="such as 0-9 or 0,2,5-7 (default: the budget's)")
+def _add_store(command: argparse.ArgumentParser, benchmark: Registry) -> None:
+    for kind in ("budget", "preset"):
+        default, known = getattr(benchmark.defaults, kind), ", ".join(getattr(benchmark, kind + "s"))
+        command.add_argument(f"--{kind}", default=default, help=f"{known} (default: {default})")
     command.add_argument(
         "--results",
         type=pathlib.Path,
         default=pathlib.Path("results/local"),
         help="folder of the store (default: results/local; published results are in results/published)",
     )
+
+
+def _add_selection(command: argparse.ArgumentParser, benchmark: Registry) -> None:
+    for kind in ("domain", "agent", "reference"):
+        known = ", ".join(getattr(benchmark, kind + "s"))
+        command.add_argument(f"--{kind}", nargs="+", metavar=kind.upper(), help=f"only these of {known}")
+    command.add_argument("--seeds", type=parse_seeds, help="such as 0-9 or 0,2,5-7 (default: the budget's)")
 
 
 def parse_seeds(text: str) -> tuple[int, ...]:
@@ -141,6 +133,11 @@ def parse_seeds(text: str) -> tuple[int, ...]:
             raise argparse.ArgumentTypeError(f"{part!r} is no seed or rising range; write 0-9 or 0,2,5-7")
         seeds.update(range(int(first), int(last or first) + 1))
     return tuple(sorted(seeds))
+
+
+def _cores() -> int:
+    """Return how many cores this process may use (macOS cannot tell, and has them all)."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _positive(text: str) -> int:

@@ -7,7 +7,7 @@ import multiprocessing
 import os
 import signal
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
@@ -53,7 +53,7 @@ class Finished:
 Event = Started | Advanced | Finished
 
 
-def run_tasks(tasks: Sequence[Task], *, jobs: int, tools: Tools) -> Iterator[Event]:
+def run_tasks(tasks: Sequence[Task], *, jobs: int, tools: Tools) -> Generator[Event]:
     """Do all tasks, in order, at most ``jobs`` at a time; yield what happens.
 
     Closing the iterator (or an exception in the caller, such as Ctrl-C) stops the workers.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 import pathlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import pandas as pd
 
@@ -51,6 +51,7 @@ class Status:
     wanted: Wanted
     state: State
     detail: str = ""
+    traceback: str = ""
 
 
 @dataclass(frozen=True)
@@ -68,6 +69,18 @@ class Selection:
     def store(self, results: pathlib.Path) -> Store:
         """Return the store of this budget and preset under a results folder."""
         return Store(results / self.budget / self.preset)
+
+    def current_keys(self) -> set[str]:
+        """Return the content keys of everything the registry holds for this budget and preset."""
+        registry = self.registry
+        everything = replace(
+            self,
+            domains=tuple(registry.domains),
+            agents=tuple(registry.agents),
+            references=tuple(registry.references),
+            seeds=(0,),
+        )
+        return {one.origin.key for one in everything.wanted()}
 
     def wanted(self) -> list[Wanted]:
         """Return every run and reference row of the selection, in registry order.
@@ -155,7 +168,7 @@ def statuses(wanted: Sequence[Wanted], store: Store) -> list[Status]:
 def _by_run(rows: pd.DataFrame) -> dict[str, list[Mapping[str, str]]]:
     if rows.empty:
         return {}
-    columns = ["run", "status", "error", "key", "spec_hash", "code_hash", "data_hash"]
+    columns = ["run", "status", "error", "traceback", "key", "spec_hash", "code_hash", "data_hash"]
     grouped: dict[str, list[Mapping[str, str]]] = {}
     for row in rows[columns].to_dict("records"):
         grouped.setdefault(row["run"], []).append({str(name): value for name, value in row.items()})
@@ -167,7 +180,7 @@ def _status(wanted: Wanted, rows: Sequence[Mapping[str, str]]) -> Status:
     if any(row["status"] == "ok" for row in current):
         return Status(wanted, State.CURRENT)
     if current:
-        return Status(wanted, State.FAILED, current[0]["error"])
+        return Status(wanted, State.FAILED, current[0]["error"], current[0]["traceback"])
     for row in rows:
         if row["status"] == "ok":
             return Status(wanted, State.STALE, _difference(wanted.origin, row))

@@ -82,9 +82,8 @@ def describe(event: Finished) -> str:
     """Say how a task ended, in a line."""
     if event.failure:
         return f"FAILED {event.task.name}: {event.failure.error}"
-    return (
-        f"done   {event.task.name} ({len(event.task.runs)} {'run' if len(event.task.runs) == 1 else 'runs'})"
-    )
+    runs = len(event.task.runs)
+    return f"done   {event.task.name} ({runs} run{'s' if runs > 1 else ''})"
 
 
 class _Bars:

@@ -16,60 +16,59 @@ from bgn.agents.specs import AGENTS
 from bgn.results import cells, tables
 from bgn.results.cells import DomainRow
 from bgn.results.grids import Grid
-from bgn.results.store import Store, write_atomically, write_parquet
+from bgn.results.store import Store, write_parquet, write_text
 from bgn.results.tables import Evidence
+
+#: Columns that the widest table needs.
+TABLE_WIDTH = 140
 
 
 def show_status(selection: Selection, statuses: Sequence[Status], console: Console) -> None:
-    """Print how many runs of each cell are done, older, failed or missing, then the failures."""
+    """Print how many runs of each cell are done, older, failed or missing, then why runs failed."""
     rows = []
     for domain in selection.domains:
-        ours = [status for status in statuses if status.wanted.spec.domain == domain]
-        agents = {
-            agent: [s for s in ours if s.wanted.run.startswith(f"{domain}/{agent}/")] for agent in AGENTS
-        }
-        references = [status for status in ours if status.wanted.kind == "references"]
-        rows.append([domain, *(_count(agents[agent]) for agent in AGENTS), _count(references)])
-    columns = ["Domain", *(spec.title for spec in AGENTS.values()), "References"]
+        groups = [f"{domain}/{agent}/" for agent in selection.agents]
+        counts = [_count([s for s in statuses if s.wanted.run.startswith(group)]) for group in groups]
+        rest = [s for s in statuses if s.wanted.kind == "references" and s.wanted.spec.domain == domain]
+        rows.append([domain, *counts, _count(rest)])
+    columns = ["Domain", *(AGENTS[agent].title for agent in selection.agents), "References"]
     title = f"Runs done, budget {selection.budget}, preset {selection.preset}"
-    console.print(Grid(title, columns, rows, _reasons(statuses)).rich())
-    show_failures(statuses, console)
-
-
-def show_failures(statuses: Sequence[Status], console: Console) -> None:
-    """Print a table of the runs that are not done, if there are any."""
-    lacking = [status for status in statuses if status.state is not State.CURRENT]
-    failed = [[s.wanted.run, s.state.value, s.detail] for s in lacking if s.state is State.FAILED]
+    _print(Grid(title, columns, rows, _reasons(statuses), labels=1), console)
+    failed = [status for status in statuses if status.state is State.FAILED]
     if failed:
-        console.print(Grid("Failed runs", ["Run", "", "Error"], failed).rich())
+        show_missing(failed, console)
+    for error, trace in {status.detail: status.traceback for status in failed}.items():
+        console.print(trace or error, highlight=False, markup=False, soft_wrap=True)
 
 
 def show_missing(statuses: Sequence[Status], console: Console) -> None:
-    """Print a table naming every run that is not done."""
+    """Print a table naming every run that is not done, and why."""
     lacking = [[s.wanted.run, s.state.value, s.detail] for s in statuses if s.state is not State.CURRENT]
-    console.print(Grid("Missing runs", ["Run", "", "Why"], lacking).rich())
+    _print(Grid("Missing runs", ["Run", "State", "Why"], lacking, labels=3), console)
 
 
-def show_tables(selection: Selection, statuses: Sequence[Status], store: Store, console: Console) -> None:
+def show_tables(selection: Selection, store: Store, console: Console) -> None:
     """Print the tables of everything stored under the budget and preset, and write them beside it."""
-    evidence = gather(selection, statuses, store)
+    evidence = gather(selection, store)
     if evidence.runs.empty and evidence.references.empty:
         console.print(f"Nothing is stored in {store.root} yet.", highlight=False, soft_wrap=True)
         return
-    grids = [tables.all_metrics(evidence), tables.reference_policies(evidence)]
+    grids = [tables.all_metrics(evidence)]
+    if not evidence.references.empty:
+        grids.append(tables.reference_policies(evidence))
     if evidence.family("robot"):
         grids.append(tables.success_rates(evidence))
     if evidence.family("classic"):
         grids += [tables.raw_returns(evidence), tables.normalised_returns(evidence)]
     for grid in grids:
-        console.print(grid.rich())
+        _print(grid, console)
     _write(evidence, grids, store.root / "tables")
     console.print(f"Written to {store.root / 'tables'}", highlight=False, soft_wrap=True)
 
 
-def gather(selection: Selection, statuses: Sequence[Status], store: Store) -> Evidence:
+def gather(selection: Selection, store: Store) -> Evidence:
     """Collect the finished runs and reference rows of a store, with what the tables need to know of them."""
-    current = {status.wanted.origin.key for status in statuses}
+    current = selection.current_keys()
     runs, references = (_finished(store.read(kind), current) for kind in ("runs", "references"))
     seen = set(runs.get("domain", ())) | set(references.get("domain", ()))
     rows = [_domain_row(selection, domain) for domain in selection.registry.domains if domain in seen]
@@ -84,6 +83,11 @@ def gather(selection: Selection, statuses: Sequence[Status], store: Store) -> Ev
         policies=policies,
         remarks=_remarks(selection, runs),
     )
+
+
+def _print(grid: Grid, console: Console) -> None:
+    """Print a table at its full width: a narrow terminal may break its lines, but loses no number."""
+    console.print(grid.rich(), width=max(console.width, TABLE_WIDTH), crop=False)
 
 
 def _finished(rows: pd.DataFrame, current_keys: set[str]) -> pd.DataFrame:
@@ -129,4 +133,4 @@ def _write(evidence: Evidence, grids: Sequence[Grid], folder: pathlib.Path) -> N
     for name, frame in frames.items():
         write_parquet(folder / f"{name}.parquet", pa.Table.from_pandas(frame, preserve_index=False))
     text = "\n".join(["# Tables", "", *(grid.markdown() for grid in grids)])
-    write_atomically(folder / "tables.md", lambda path: path.write_text(text, encoding="utf-8") and None)
+    write_text(folder / "tables.md", text)

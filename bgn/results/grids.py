@@ -21,6 +21,8 @@ class Grid:
     columns: Sequence[str]
     rows: Sequence[Sequence[str]]
     notes: Sequence[str] = ()
+    labels: int = 2
+    """How many columns at the left are words; the others are numbers."""
 
     def markdown(self) -> str:
         """Return the table as GitHub Markdown."""
@@ -33,10 +35,12 @@ class Grid:
         """Return the table for a rich console."""
         table = Table(title=self.title, title_justify="left", title_style="bold", pad_edge=False)
         for number, column in enumerate(self.columns):
-            table.add_column(Text(column), justify="left" if number < 2 else "right", no_wrap=True)
+            label = number < self.labels
+            table.add_column(Text(column), justify="left" if label else "right", no_wrap=not label)
+        grouped = any(not row[0] for row in self.rows)
         for number, row in enumerate(self.rows):
             last = number + 1 == len(self.rows) or bool(self.rows[number + 1][0])
-            table.add_row(*(Text(cell) for cell in row), end_section=last)
+            table.add_row(*(Text(cell) for cell in row), end_section=grouped and last)
         return Group(table, *(Text(f"- {note}", style="dim") for note in self.notes), Text())
 
 

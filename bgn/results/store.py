@@ -108,6 +108,15 @@ def write_parquet(path: pathlib.Path, table: pa.Table) -> None:
     write_atomically(path, lambda partial: pq.write_table(table, partial, compression="zstd"))
 
 
+def write_text(path: pathlib.Path, text: str) -> None:
+    """Write a text file in one atomic step."""
+
+    def write(partial: pathlib.Path) -> None:
+        partial.write_text(text, encoding="utf-8")
+
+    write_atomically(path, write)
+
+
 def write_atomically(path: pathlib.Path, write: Callable[[pathlib.Path], None]) -> None:
     """Let ``write`` fill a temporary file, flush it to the disk, and rename it to ``path``."""
     path.parent.mkdir(parents=True, exist_ok=True)

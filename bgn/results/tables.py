@@ -92,10 +92,12 @@ def raw_returns(evidence: Evidence) -> Grid:
             ["", "paper", *(_printed(p) for p in (*theirs, *printed))],
             ["", "verdict", *_cells(evidence, domain, _mark), "", ""],
         ]
-    metrics = {domain.title: _METRICS[domain.metric] for domain in evidence.family("classic")}
+    titles: dict[str, list[str]] = {}
+    for domain in evidence.family("classic"):
+        titles.setdefault(domain.metric, []).append(domain.title)
+    metrics = [f"{', '.join(names)}: {_METRICS[metric]}" for metric, names in titles.items()]
     notes = [
-        "Agents: mean ± standard deviation over runs (ddof 0, as in the paper). "
-        + "; ".join(f"{title}: {metric}" for title, metric in metrics.items()),
+        "Agents: mean ± standard deviation over runs (ddof 0, as in the paper). " + "; ".join(metrics),
         "SARSOP and Random as in the paper's table: SARSOP from a clean start (± 95 % interval of its mean), "
         "Random after a hidden first action (± standard deviation of single episodes).",
         _LEGEND,
@@ -111,7 +113,7 @@ def normalised_returns(evidence: Evidence) -> Grid:
     rows = []
     for domain in evidence.family("classic"):
         title = domain.title
-        for convention in ("paper's", "consistent"):
+        for convention, label in (("paper's", ""), ("consistent", ", consistent")):
             for source in ("ours", "paper"):
                 chosen = frame[
                     (frame["domain"] == domain.id)
@@ -123,12 +125,12 @@ def normalised_returns(evidence: Evidence) -> Grid:
                     for agent in evidence.agents
                 ]
                 borrowed = "†" if bool(chosen["borrowed"].any()) else ""
-                rows.append([title, f"{source}, {convention}{borrowed}", *texts])
+                rows.append([title, f"{source}{label}{borrowed}", *texts])
                 title = ""
     notes = [
         "(return - Random) / (SARSOP - Random), Appendix D; the paper's rows follow from its Table 7.",
-        "paper's: SARSOP from a clean start, agents and Random after a hidden, uniformly random first "
-        "action, as behind the paper's table. consistent: all rows after that hidden action, which ends 2/9 "
+        "SARSOP from a clean start, agents and Random after a hidden, uniformly random first "
+        "action, as behind the paper's table; consistent: all rows after that hidden action, which ends 2/9 "
         "(RockSample[4,4]) and 1/5 ([5,5]) of the episodes before the agent acts, for the best policy too.",
     ]
     if bool(frame["borrowed"].any()):
