@@ -124,7 +124,7 @@ class RMSProp:
 
     def step(self, gradients: Tensor, max_norm: float) -> Tensor:
         """Scale each seed's gradient (S, n) down to ``max_norm`` and apply it; returns the norms (S,)."""
-        norms = torch.linalg.vector_norm(gradients, dim=1)
+        norms: Tensor = torch.linalg.vector_norm(gradients, dim=1)
         # As torch's clip_grad_norm_: the factor is max_norm / (norm + 1e-6), at most one.
         divisors = ((norms + 1e-6) / max_norm).clamp_min_(1.0)
         for i, gradient in enumerate(gradients):

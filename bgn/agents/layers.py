@@ -112,12 +112,12 @@ class Recurrence:
         self.recurrent, self.rz, self.n = buffer(3 * HIDDEN), buffer(2 * HIDDEN), buffer(HIDDEN)
         self.d_gates = buffer(4 * HIDDEN)
         self.hidden = torch.zeros(seeds, lanes, HIDDEN, device=device)
-        self._row = torch.arange(seeds, device=device)[:, None]
 
     def prepare(self) -> None:
         """Make this update's look-up tables, (S, Ω, 3H) and (S, A + 1, 3H)."""
         W, split = self.parameters[f"{self.name}.input.weight"], self.observations.width
         bias = self.parameters[f"{self.name}.input.bias"]
+        self._row = torch.arange(len(W), device=W.device)[:, None]
         self._observation_rows = self.observations.products(W[:, :split]).add_(bias[:, None]).flatten(0, 1)
         self._action_rows = self.actions.products(W[:, split:]).flatten(0, 1)
 

@@ -144,8 +144,7 @@ class Learner:
             hidden = critic.recurrence.infer(
                 critic.recurrence.features[:, t], *(i.view(shape) for i in inputs)
             )
-        values, _ = critic.infer(critic.infer_inputs(arrival, hidden))
-        return values[..., 0]
+        return critic.infer(critic.infer_inputs(arrival, hidden))[..., 0]
 
     def _step_critic(self, t: int) -> None:
         recurrence, memory = self.networks.critic.recurrence, self.memory

@@ -108,4 +108,4 @@ def test_gradients_equal_automatic_differentiation(
         loss = _loss(learner, p, row, hidden, seen["advantages"][row])
         for name, expected in zip(p, torch.autograd.grad(loss, list(p.values())), strict=True):
             ours = parameters.gradient(name)[row].double()
-            torch.testing.assert_close(ours, expected, rtol=1e-4, atol=1e-6, msg=lambda m: f"{name}: {m}")
+            torch.testing.assert_close(ours, expected, rtol=1e-4, atol=1e-6)
