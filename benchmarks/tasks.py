@@ -43,7 +43,14 @@ def save_policy(path: pathlib.Path, spec: CellSpec, tensors: Mapping[str, Any]) 
     """Write a trained policy that needs only the history to act."""
     from bgn.agents.policy import save_policy as save
 
-    save(path, spec.domain, spec.agent, spec, tensors)
+    save(
+        path,
+        tensors,
+        domain=spec.domain,
+        agent=spec.agent,
+        hyperparameters=spec.hyperparameters,
+        variant=spec.variant,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
