@@ -57,18 +57,15 @@ def build(*, plates: int = PLATES, variant: Variant = "paper") -> Domain:
     check_variant(variant)
     if plates < 1:
         raise ValueError(f"top-plate needs plates >= 1, not {plates}")
-    if variant == "authors":
-        if plates not in (PLATES, AUTHORS_PLATES):
-            raise ValueError(f"top-plate's authors variant has {AUTHORS_PLATES} plates, not {plates}")
-        return _build(AUTHORS_PLATES, AUTHORS_HEIGHTS, authors=True)
-    return _build(plates, np.arange(1, plates + 1), authors=False)
-
-
-def _build(n: int, heights: Integers, *, authors: bool) -> Domain:
+    authors = variant == "authors"
+    if authors and plates not in (PLATES, AUTHORS_PLATES):
+        raise ValueError(f"top-plate's authors variant has {AUTHORS_PLATES} plates, not {plates}")
+    n = AUTHORS_PLATES if authors else plates
+    heights = AUTHORS_HEIGHTS if authors else np.arange(1, plates + 1)
     levels = n + 2
     X, Y = levels * BINS, len(heights)
     start = np.zeros((X, Y))
-    start[NEUTRAL, (heights >= 1) & (heights <= n)] = 1 / n
+    start[NEUTRAL, (heights >= 1) & (heights <= n)] = 1 / n  # level 0
     observed = np.array([(level / (n + 1), b / (BINS - 1)) for level in range(levels) for b in range(BINS)])
     hidden = np.minimum(heights / (n + 1), 1)[:, None]  # a plate's height on the scale of the finger's level
     readings = [f"level-{level}/{name}" for level in range(levels) for name in BIN_NAMES]
