@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 import torch
+from torch import Tensor
 
 from bgn import domains
 from bgn.agents.networks import AgentNetworks
+from bgn.agents.policy import Policy
 from bgn.agents.specs import agent
 from bgn.training import checkpoint as checkpoints
 from bgn.training.cell import CellSpec, Progress, RunResult
@@ -137,6 +139,9 @@ class _Stack:
                 greedy=greedy,
             )
             metrics |= {f"{name}_{k}": v for k, v in summary.items()}
+        names = networks.actor_parameters()
+        policy = {n: t for n, t in networks.parameters.of_seed(0).items() if n in names}
+        metrics |= self._in_physics(policy, self.seeds[i])
         metrics |= {
             "env_steps_per_second": self.updates
             * self.steps_per_update
@@ -145,11 +150,27 @@ class _Stack:
             "wall_seconds": self.wall_seconds / len(self.seeds),
             "cpu_seconds": self.cpu_seconds / len(self.seeds),
         }
-        names = networks.actor_parameters()
-        policy = {n: t for n, t in networks.parameters.of_seed(0).items() if n in names}
         return RunResult(
             seed=self.seeds[i], curve=pd.DataFrame(self.curves[i]), metrics=metrics, policy=policy
         )
+
+    def _in_physics(self, tensors: Mapping[str, Tensor], seed: int) -> dict[str, float]:
+        """Success of the policy, sampling its actions as in training, in MuJoCo."""
+        episodes = self.spec.physics_episodes
+        if episodes == 0:
+            return {}
+        # Imported here because only robot domains need MuJoCo.
+        from bgn.simulation.physics_world import evaluate_in_physics
+
+        settings = self.spec.hyperparameters
+        policy = Policy(tensors, self.domain, self.spec.agent, settings, greedy=False)
+        result = evaluate_in_physics(self.spec.domain, policy, episodes, seed, **self.spec.variant)
+        return {
+            "physics_success": result["success"],
+            "physics_success_se": result["success_se"],
+            "physics_length": result["length"],
+            "physics_episodes": float(result["episodes"]),
+        }
 
     def _identity(self) -> dict[str, Any]:
         spec = asdict(replace(self.spec, variant=dict(self.spec.variant)))
