@@ -221,7 +221,7 @@ class Branch:
 
 
 class AgentNetworks:
-    """Actor and critic of one agent for a stack of seeds."""
+    """Actor and critic of one agent for a stack of seeds; parameters are zero until initialised or loaded."""
 
     def __init__(
         self,
@@ -262,6 +262,10 @@ class AgentNetworks:
             layers=layers.get(spec.critic, FEEDFORWARD_LAYERS),
         )
         self.parameters.allocate()
+
+    def initialise(self) -> None:
+        """Give every seed's parameters their random starting values."""
+        self.parameters.initialise()
 
     def _recurrence(self, name: str) -> Recurrence:
         sight = self.sight

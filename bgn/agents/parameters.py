@@ -1,7 +1,7 @@
 """All parameters of a stack of runs in one flat buffer, with named views into it.
 
 Seeds are stacked on a leading axis, so that one batched product serves all of them. The buffer goes
-parameter by parameter, so that every view (S, *shape) is contiguous and products run and write without copies.
+parameter by parameter, so that every view (S, *shape) is contiguous and products need no copies.
 """
 
 from __future__ import annotations
@@ -71,13 +71,16 @@ class Parameters:
         self._initialisers[name] = initialise
 
     def allocate(self) -> None:
-        """Create and initialise the buffers; each seed draws from a generator of its own."""
+        """Create the buffers, all zero."""
         n = len(self.seeds)
         self.values = torch.zeros(n * sum(map(_padded, self._shapes.values())), device=self.device)
         self.gradients = torch.zeros_like(self.values)
         self.mean_squares = torch.zeros_like(self.values)
         self._views = _views(self.values, n, self._shapes)
         self._gradients = _views(self.gradients, n, self._shapes)
+
+    def initialise(self) -> None:
+        """Initialise the values; each seed draws from a generator of its own."""
         for row, seed in enumerate(self.seeds):
             generator = torch.Generator().manual_seed(seed)
             for name, shape in self._shapes.items():

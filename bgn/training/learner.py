@@ -47,6 +47,7 @@ class Learner:
     ) -> None:
         self.spec, self.domain, self.settings, self.seeds = spec, domain, settings, seeds
         self.networks = AgentNetworks(spec, domain, settings, seeds, device)
+        self.networks.initialise()
         self.networks.allocate(settings.rollout + 1, settings.lanes)
         parameters = self.networks.parameters
         self.optimiser = RMSProp(
@@ -202,6 +203,13 @@ class Learner:
                 d = d_features[id(recurrence)].view(len(self.seeds), T, self.settings.lanes, -1)
                 recurrence.backward(d, T, one_hot, memory.fresh[:, :T])
         return cross_entropy
+
+    def networks_of(self, row: int) -> AgentNetworks:
+        """Copy one seed's networks out of the stack."""
+        device = self.networks.parameters.device
+        networks = AgentNetworks(self.spec, self.domain, self.settings, (self.seeds[row],), device)
+        networks.parameters.load(0, self.networks.parameters.of_seed(row))
+        return networks
 
     def settle(self) -> None:
         """Move what the next update starts from into tensors that keep their place."""
