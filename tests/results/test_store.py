@@ -68,10 +68,10 @@ def test_unreadable_shard_is_named(tmp_path: pathlib.Path) -> None:
 
 
 def test_only_one_process_may_write(tmp_path: pathlib.Path) -> None:
-    with Store(tmp_path).lock():
-        with pytest.raises(StoreError, match="another process"), Store(tmp_path).lock():
-            pass
-    with Store(tmp_path).lock():
+    store = Store(tmp_path)
+    with store.lock(), pytest.raises(StoreError, match="another process"), store.lock():
+        pass
+    with store.lock():
         pass
 
 
