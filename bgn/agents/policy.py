@@ -1,7 +1,7 @@
 """What a finished run leaves to be executed: the actor's parameters with what they were trained for.
 
-A saved history policy acts on observations and its own actions alone, as on a robot. Policies of belief agents
-act on the same inputs through an exact filter, so that they can be evaluated the same way.
+A saved history policy acts on observations and its own actions alone, as on a robot. Policies of belief
+agents act on the same inputs through an exact filter, so that they can be evaluated the same way.
 """
 
 from __future__ import annotations

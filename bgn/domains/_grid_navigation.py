@@ -11,9 +11,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
+from math import prod
 
 import numpy as np
 
+from bgn.domains._layout import GridLayout
 from bgn.pomdp.model import MOMDP, POMDP, sparse_rows
 
 HEADINGS = ("N", "E", "S", "W")
@@ -119,6 +121,20 @@ def build_model(corridors: CorridorMap, landmarks: Sequence[int] = ()) -> MOMDP:
     )
 
 
+def build_layout(corridors: CorridorMap) -> GridLayout:
+    """Return where the states of a map lie."""
+    n_states = 4 * len(corridors.cells)
+    return GridLayout(
+        shape=(len(corridors.rows), max(map(len, corridors.rows))),
+        cells=corridors.cells,
+        positions=np.repeat(np.array(corridors.cells), 4, axis=0),
+        headings=np.tile(np.arange(4), len(corridors.cells)),
+        goal=corridors.cells[corridors.goal],
+        rocks=(),
+        qualities=np.zeros((n_states, 0), dtype=np.bool_),
+    )
+
+
 def observation_names(n_landmarks: int) -> tuple[str, ...]:
     """Name wall patterns by the sides that show a wall (F, R, B, L), then the landmarks, then the goal."""
     patterns = (
@@ -143,7 +159,7 @@ def _successors(corridors: CorridorMap, state: int, action: str) -> dict[int, fl
         else:
             mass[4 * destination + (heading + turn) % 4] += p
     mass[state] += blocked
-    return mass
+    return {s: _decimal(p) for s, p in mass.items()}
 
 
 def _sight(corridors: CorridorMap, state: int, landmarks: Sequence[int]) -> dict[int, float]:
@@ -158,8 +174,13 @@ def _sight(corridors: CorridorMap, state: int, landmarks: Sequence[int]) -> dict
     ]  # front, right, back, left
     alarms = [WALL_SEEN if wall else FALSE_ALARM for wall in walls]
     return {
-        pattern: float(
-            np.prod([p if pattern & bit else 1 - p for p, bit in zip(alarms, (8, 4, 2, 1), strict=True)])
+        pattern: _decimal(
+            prod(p if pattern & bit else 1 - p for p, bit in zip(alarms, (8, 4, 2, 1), strict=True))
         )
         for pattern in range(16)
     }
+
+
+def _decimal(p: float) -> float:
+    """Undo the rounding of sums and products: every probability here is a decimal of at most 8 digits."""
+    return round(p, 12)

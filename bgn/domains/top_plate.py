@@ -23,6 +23,7 @@ from bgn.domains._finger import (
     check_variant,
     join_features,
 )
+from bgn.domains._outcomes import SHIPPED, Outcomes, load
 from bgn.domains.domain import Domain, Features
 from bgn.domains.registry import register
 
@@ -56,18 +57,15 @@ def build(*, plates: int = PLATES, variant: Variant = "paper") -> Domain:
     check_variant(variant)
     if plates < 1:
         raise ValueError(f"top-plate needs plates >= 1, not {plates}")
-    if variant == "authors":
-        if plates not in (PLATES, AUTHORS_PLATES):
-            raise ValueError(f"top-plate's authors variant has {AUTHORS_PLATES} plates, not {plates}")
-        return _build(AUTHORS_PLATES, AUTHORS_HEIGHTS, authors=True)
-    return _build(plates, np.arange(1, plates + 1), authors=False)
-
-
-def _build(n: int, heights: Integers, *, authors: bool) -> Domain:
+    authors = variant == "authors"
+    if authors and plates not in (PLATES, AUTHORS_PLATES):
+        raise ValueError(f"top-plate's authors variant has {AUTHORS_PLATES} plates, not {plates}")
+    n = AUTHORS_PLATES if authors else plates
+    heights = AUTHORS_HEIGHTS if authors else np.arange(1, plates + 1)
     levels = n + 2
     X, Y = levels * BINS, len(heights)
     start = np.zeros((X, Y))
-    start[NEUTRAL, (heights >= 1) & (heights <= n)] = 1 / n
+    start[NEUTRAL, (heights >= 1) & (heights <= n)] = 1 / n  # level 0
     observed = np.array([(level / (n + 1), b / (BINS - 1)) for level in range(levels) for b in range(BINS)])
     hidden = np.minimum(heights / (n + 1), 1)[:, None]  # a plate's height on the scale of the finger's level
     readings = [f"level-{level}/{name}" for level in range(levels) for name in BIN_NAMES]
@@ -96,7 +94,7 @@ def _rules(n: int, heights: Integers, start: Floats) -> Rules:
     levels, Y = n + 2, len(heights)
     X = levels * BINS
     successor = np.empty((X, len(ACTIONS), Y), dtype=np.int64)
-    successor[:, :GRASP] = _definition(n, heights)
+    successor[:, :GRASP] = _moves(n, heights)
     successor[:, GRASP] = np.arange(X)[:, None]
     ends = np.zeros(successor.shape, dtype=np.bool_)
     ends[:, GRASP] = True
@@ -106,20 +104,21 @@ def _rules(n: int, heights: Integers, start: Floats) -> Rules:
     return Rules(successor=successor, ends=ends, reward=reward, start=start, observation=np.arange(X))
 
 
-def _definition(n: int, heights: Integers) -> Integers:
-    """Return the reading (level, bin) after each move, shape (X, 2, Y)."""
-    levels = n + 2
-    out = np.empty((levels * BINS, 2, len(heights)), dtype=np.int64)
-    for x in range(levels * BINS):
-        level = x // BINS
-        for action, step in ((DOWN, -1), (UP, +1)):
-            to = level + step
-            if not 0 <= to < levels:
-                out[x, action] = x
-                continue
-            touches = (to >= 1) & (to <= heights)
-            out[x, action] = to * BINS + np.where(touches, NEUTRAL - step, NEUTRAL)
-    return out
+def _moves(n: int, heights: Integers) -> Integers:
+    """Return the compiled reading after each move, shape (X, 2, Y), cut to n plates."""
+    x = np.arange((n + 2) * BINS)
+    moves = _outcomes(n).reading[: len(x), :, heights].astype(np.int64)
+    at_the_end = x // BINS == n + 1
+    moves[at_the_end, UP] = x[at_the_end, None]  # a move out of range is refused
+    return moves
+
+
+def _outcomes(n: int) -> Outcomes:
+    if n <= PLATES:
+        return load(SHIPPED / "top-plate")
+    from bgn.domains.physics.compile import cached  # MuJoCo is needed for unusually high stacks only
+
+    return cached("top-plate", n)
 
 
 def _authors_prior(X: int) -> Floats:

@@ -1,8 +1,8 @@
 """TwoBumps-1D: find the right one of two bumps by touch and push it right (paper, Section 5.2).
 
 x = (finger cell 0 … 14, angle bin), y = cells (b1, b2) of the left and the right bump. Actions: left or
-right, each with a soft or a stiff finger. A soft finger that moves onto a bump is deflected against its motion;
-a stiff one pushes the bump, which ends the episode and earns 1 iff the right bump went right.
+right, each with a soft or a stiff finger. A soft finger that moves onto a bump is deflected against its
+motion; a stiff one pushes the bump, which ends the episode and earns 1 iff the right bump went right.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from bgn.domains._finger import (
     TRAINING_DISCOUNT,
     Booleans,
     Floats,
-    Integers,
     Names,
     Rules,
     Variant,
@@ -24,6 +23,7 @@ from bgn.domains._finger import (
     check_variant,
     join_features,
 )
+from bgn.domains._outcomes import SHIPPED, load
 from bgn.domains.domain import Domain, Features
 from bgn.domains.registry import register
 
@@ -33,6 +33,7 @@ NEUTRAL: Final = 1
 LEFT_SOFT, LEFT_STIFF, RIGHT_SOFT, RIGHT_STIFF = range(4)
 ACTIONS: Final = ("left-soft", "left-stiff", "right-soft", "right-stiff")
 BIN_NAMES: Final = ("deflected-left", "neutral", "deflected-right")
+RIGHT_BUMP_RIGHT: Final = 2  # the compiled code of the push that earns the reward
 EPISODE_LIMIT: Final = 100  # paper, Table 6
 AUTHORS_LIMIT: Final = 50  # authors' code
 PAIRS: Final = tuple(
@@ -98,39 +99,11 @@ def _uniform_prior(free: Booleans) -> Floats:
 
 
 def _rules(start: Floats) -> Rules:
-    successor, pushed = _definition()
-    reward = np.zeros(successor.shape)
-    reward[pushed == 2] = 1
+    compiled = load(SHIPPED / "two-bumps-1d")
     return Rules(
-        successor=successor,
-        ends=pushed != 0,
-        reward=reward,
+        successor=compiled.reading.astype(np.int64),
+        ends=compiled.pushed != 0,
+        reward=(compiled.pushed == RIGHT_BUMP_RIGHT).astype(np.float64),
         start=start,
         observation=np.arange(CELLS * BINS),
     )
-
-
-def _definition() -> tuple[Integers, Integers]:
-    """Return the reading after each action and what it pushed (2: the right bump to the right), (X, A, Y)."""
-    successor = np.full((CELLS * BINS, len(ACTIONS), len(PAIRS)), -1, dtype=np.int64)
-    pushed = np.zeros_like(successor)
-    for x in range(CELLS * BINS):
-        cell, angle = divmod(x, BINS)
-        for y, pair in enumerate(PAIRS):
-            if (cell in pair) == (angle == NEUTRAL):
-                continue  # a finger is deflected exactly on the bumps
-            for a in range(len(ACTIONS)):
-                step, stiff = (-1 if a < 2 else 1), a % 2 == 1
-                to = cell + step
-                if not 0 <= to < CELLS:
-                    successor[x, a, y] = x
-                    continue
-                bump = None
-                if stiff and to in pair and angle == NEUTRAL:
-                    bump = pair.index(to)
-                elif stiff and angle == NEUTRAL - step:
-                    bump = pair.index(cell)
-                if bump is not None:
-                    pushed[x, a, y] = 2 if bump == 1 and step == 1 else 1
-                successor[x, a, y] = to * BINS + (NEUTRAL - step if to in pair and not stiff else NEUTRAL)
-    return successor, pushed

@@ -1,10 +1,10 @@
 """TwoBumps-2D: touch two bumps on a 4 x 4 grid, then grasp the large one (paper, Section 5.2).
 
 x = (finger cell, angle bin, whether each bump was touched), y = cells (large, small), never adjacent.
-Actions: left, right, backward, forward, grasp. A compliant finger that moves onto a bump is deflected against
-its motion, strongly by the large one and mildly by the small one. A grasp ends the episode and earns 1 iff the
-finger is at the large bump and both were touched. The agents observe cell and angle bin; the touched flags
-follow from the history.
+Actions: left, right, backward, forward, grasp. A compliant finger that moves onto a bump is deflected
+against its motion, strongly by the large one and mildly by the small one. A grasp ends the episode and
+earns 1 iff the finger is at the large bump and both were touched. The agents observe cell and angle bin;
+the touched flags follow from the history.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from bgn.domains._finger import (
     REPORT_DISCOUNT,
     TRAINING_DISCOUNT,
     Booleans,
-    Integers,
     Names,
     Rules,
     Variant,
@@ -25,6 +24,7 @@ from bgn.domains._finger import (
     check_variant,
     join_features,
 )
+from bgn.domains._outcomes import SHIPPED, load
 from bgn.domains.domain import Domain, Features
 from bgn.domains.registry import register
 
@@ -113,7 +113,7 @@ def _elimination() -> Booleans:
 
 
 def _rules() -> Rules:
-    moves = _definition()  # (READINGS, 4, Y)
+    moves = load(SHIPPED / "two-bumps-2d").reading.astype(np.int64)  # (READINGS, 4, Y)
     X, Y = READINGS * FLAGS, len(PAIRS)
     strong, mild = (np.isin(moves % BINS, bins) & (moves >= 0) for bins in ((0, 4), (1, 3)))
     touches = strong * 1 + mild * 2
@@ -135,31 +135,3 @@ def _rules() -> Rules:
         start=(start / start.sum()).reshape(X, Y),
         observation=np.repeat(np.arange(READINGS), FLAGS),
     )
-
-
-def _definition() -> Integers:
-    """Return the reading (cell, bin) after each move, shape (READINGS, 4, Y)."""
-    out = np.full((READINGS, 4, len(PAIRS)), -1, dtype=np.int64)
-    steps = ((0, -1), (0, 1), (-1, 0), (1, 0))
-    for x in range(READINGS):
-        cell, angle = divmod(x, BINS)
-        for y, (large, small) in enumerate(PAIRS):
-            if not _possible(cell, angle, large, small):
-                continue
-            for a, (rows, columns) in enumerate(steps):
-                row, column = cell // SIDE + rows, cell % SIDE + columns
-                if not (0 <= row < SIDE and 0 <= column < SIDE):
-                    out[x, a, y] = x
-                    continue
-                to = row * SIDE + column
-                size = 2 if to == large else 1 if to == small else 0
-                out[x, a, y] = to * BINS + NEUTRAL - size * (rows + columns)
-    return out
-
-
-def _possible(cell: int, angle: int, large: int, small: int) -> bool:
-    size = 2 if cell == large else 1 if cell == small else 0
-    if abs(angle - NEUTRAL) != size:
-        return False
-    first, last = cell == 0, cell == CELLS - 1  # corners that are entered in one sense of both axes only
-    return not (size and ((first and angle < NEUTRAL) or (last and angle > NEUTRAL)))

@@ -37,8 +37,9 @@ class POMDP:
     observations: tuple[sparse.csr_array, ...]
     rewards: Floats
     start: Floats  # (S,) probabilities
-    # (A, S): taking a in s ends the episode. T then leads to the start distribution or, where that row would be
-    # too wide to store in every such state (robot domains), stays in s: nothing may follow T there.
+    # (A, S): taking a in s ends the episode. T then leads to the start distribution or, where that row
+    # would be too wide to store in every such state (robot domains), stays in s: nothing may follow T
+    # there.
     reset: NDArray[np.bool_]
     discount: float
     state_names: tuple[str, ...]

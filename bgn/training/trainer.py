@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 import torch
+from torch import Tensor
 
 from bgn import domains
+from bgn.agents.networks import AgentNetworks
+from bgn.agents.policy import Policy
 from bgn.agents.specs import agent
 from bgn.training import checkpoint as checkpoints
 from bgn.training.cell import CellSpec, Progress, RunResult
@@ -79,17 +82,7 @@ class _Stack:
     def run(self) -> list[RunResult]:
         self._train()
         self._report(stage="evaluate")
-        evaluations = [
-            evaluate(
-                self.learner.networks,
-                self.domain,
-                self.spec.hyperparameters,
-                self.spec.evaluation_episodes,
-                greedy=greedy,
-            )
-            for greedy in (False, True)
-        ]
-        return [self._result(i, *(e[i] for e in evaluations)) for i in range(len(self.seeds))]
+        return [self._result(i, self.learner.networks_of(i)) for i in range(len(self.seeds))]
 
     def _train(self) -> None:
         points = curve_points(self.updates)
@@ -134,11 +127,21 @@ class _Stack:
         mean = sum(latest) / len(latest) if latest else math.nan
         self.on_progress(Progress(steps, self.updates * self.steps_per_update, speed, mean, stage))
 
-    def _result(self, i: int, sampled: dict[str, float], greedy: dict[str, float]) -> RunResult:
+    def _result(self, i: int, networks: AgentNetworks) -> RunResult:
         last = self.curves[i][-1]
         metrics = {"train_return": last["return_100"], "train_success": last["success_100"]}
-        metrics |= {f"sampled_{k}": v for k, v in sampled.items()}
-        metrics |= {f"greedy_{k}": v for k, v in greedy.items()}
+        for name, greedy in (("sampled", False), ("greedy", True)):
+            summary = evaluate(
+                networks,
+                self.domain,
+                self.spec.hyperparameters,
+                self.spec.evaluation_episodes,
+                greedy=greedy,
+            )
+            metrics |= {f"{name}_{k}": v for k, v in summary.items()}
+        names = networks.actor_parameters()
+        policy = {n: t for n, t in networks.parameters.of_seed(0).items() if n in names}
+        metrics |= self._in_physics(policy, self.seeds[i])
         metrics |= {
             "env_steps_per_second": self.updates
             * self.steps_per_update
@@ -147,11 +150,27 @@ class _Stack:
             "wall_seconds": self.wall_seconds / len(self.seeds),
             "cpu_seconds": self.cpu_seconds / len(self.seeds),
         }
-        names = self.learner.networks.actor_parameters()
-        policy = {n: t for n, t in self.learner.networks.parameters.of_seed(i).items() if n in names}
         return RunResult(
             seed=self.seeds[i], curve=pd.DataFrame(self.curves[i]), metrics=metrics, policy=policy
         )
+
+    def _in_physics(self, tensors: Mapping[str, Tensor], seed: int) -> dict[str, float]:
+        """Success of the policy, sampling its actions as in training, in MuJoCo."""
+        episodes = self.spec.physics_episodes
+        if episodes == 0:
+            return {}
+        # Imported here because only robot domains need MuJoCo.
+        from bgn.simulation.physics_world import evaluate_in_physics
+
+        settings = self.spec.hyperparameters
+        policy = Policy(tensors, self.domain, self.spec.agent, settings, greedy=False)
+        result = evaluate_in_physics(self.spec.domain, policy, episodes, seed, **self.spec.variant)
+        return {
+            "physics_success": result["success"],
+            "physics_success_se": result["success_se"],
+            "physics_length": result["length"],
+            "physics_episodes": float(result["episodes"]),
+        }
 
     def _identity(self) -> dict[str, Any]:
         spec = asdict(replace(self.spec, variant=dict(self.spec.variant)))
@@ -173,9 +192,8 @@ class _Stack:
             return
         for key, mine in self._identity().items():
             if content[key] != mine:
-                raise CheckpointMismatchError(
-                    f"{self.checkpoint} holds other {key}: {content[key]}, not {mine}; delete it to start over"
-                )
+                found = f"{self.checkpoint} is for other {key}: {content[key]}, not {mine}"
+                raise CheckpointMismatchError(f"{found}; delete it to start over")
         self.learner.load_state(content["state"])
         self.done, self.curves = content["done"], content["curves"]
         self.wall_seconds, self.cpu_seconds = content["seconds"]

@@ -99,7 +99,7 @@ def test_gradients_equal_automatic_differentiation(
 
     real = learner_module.policy_loss
     monkeypatch.setattr(learner_module, "policy_loss", spy)
-    monkeypatch.setattr(learner.optimiser, "step", lambda gradients, norm: None)
+    monkeypatch.setattr(learner.optimiser, "step", lambda norm: None)
     learner.update(streams.block(12, STEPS, LANES, VARIATES), torch.tensor(BETA))
 
     parameters = learner.networks.parameters
