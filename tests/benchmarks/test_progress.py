@@ -13,10 +13,12 @@ from bgn.results.store import Store
 from bgn.training.cell import Progress
 
 
+def select(domain: str, agents: tuple[str, ...], seeds: tuple[int, ...]) -> Selection:
+    return Selection(registry.load(), "smoke", "authors-code", (domain,), agents, ("random",), seeds)
+
+
 def tasks(tmp_path: pathlib.Path) -> list[Task]:
-    selection = Selection(
-        registry.load(), "smoke", "authors-code", ("hallway",), ("ah-ch", "ab-cb"), ("random",), (0, 1)
-    )
+    selection = select("hallway", ("ah-ch", "ab-cb"), (0, 1))
     return selection.tasks(selection.wanted(), Store(tmp_path), "cpu")
 
 
@@ -56,9 +58,7 @@ def test_bars_in_a_terminal(tmp_path: pathlib.Path) -> None:
 
 
 def test_everything_is_missing_in_an_empty_store(tmp_path: pathlib.Path) -> None:
-    selection = Selection(
-        registry.load(), "smoke", "authors-code", ("top-plate",), ("ah-ch",), ("random",), (0,)
-    )
+    selection = select("top-plate", ("ah-ch",), (0,))
     found = statuses(selection.wanted(), Store(tmp_path))
     assert [status.wanted.run for status in found] == ["top-plate/ah-ch/seed-0", "top-plate/random/clean"]
     assert {status.state for status in found} == {State.MISSING}
