@@ -11,12 +11,14 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import EngFormatter
 
 from bgn.results.cells import DomainRow
 from bgn.results.tables import CLEAN, Evidence
 
 _COLUMNS = 4
 _PANEL_INCHES = (3.4, 2.6)
+_WINDOW = 100  # episodes behind each mean
 _POINTS = 200  # of the common grid of environment steps
 
 #: One colour an agent, told apart by most eyes (Okabe and Ito).
@@ -66,6 +68,8 @@ def band(curves: pd.DataFrame, column: str) -> pd.DataFrame:
 
 
 def _draw(axes: Axes, domain: DomainRow, evidence: Evidence, curves: pd.DataFrame) -> None:
+    # Before that, the mean is over the few episodes that happened to end soonest.
+    curves = curves[curves["episodes"] >= _WINDOW]
     quantity = "return" if domain.family == "classic" else "success"
     for agent, title in evidence.agents.items():
         line = band(curves[curves["agent"] == agent], f"{quantity}_100")
@@ -82,5 +86,5 @@ def _draw(axes: Axes, domain: DomainRow, evidence: Evidence, curves: pd.DataFram
     axes.set_xlabel("environment steps", fontsize=8)
     axes.set_ylabel(f"{quantity}, last 100 episodes", fontsize=8)
     axes.tick_params(labelsize=8)
-    axes.ticklabel_format(axis="x", style="sci", scilimits=(3, 3))
+    axes.xaxis.set_major_formatter(EngFormatter(sep=""))
     axes.spines[["top", "right"]].set_visible(False)

@@ -16,6 +16,7 @@ CURVES = pd.DataFrame(
         "run": ["a", "a", "a", "b", "b"],
         "domain": "hallway",
         "agent": "ah-ch",
+        "episodes": [90, 200, 300, 200, 300],
         "env_steps": [0, 100, 200, 100, 200],
         "return_100": [np.nan, 0.0, 1.0, 1.0, 3.0],
     }
