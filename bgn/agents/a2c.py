@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from bgn.agents.parameters import Parameters
+
 
 def generalized_advantages(
     rewards: Tensor,
@@ -109,37 +111,41 @@ def sample_actions(policy: Tensor, variates: Tensor) -> Tensor:
 
 
 class RMSProp:
-    """RMSProp with a joint clip of each seed's gradient, as one fused pass over the flat buffers.
+    """RMSProp with a joint clip of each seed's gradient, as one fused pass over the buffers.
 
     The step is v ← ρ v + (1 - ρ) g², θ ← θ - η g / (√v + ε): Adam's without its first moment and bias
     correction. Torch has a fused kernel for Adam only, so that kernel is called with β₁ = 0 at a step count
     at which both corrections are exactly one; it is twice as fast as RMSProp in separate passes.
     """
 
-    def __init__(self, values: Tensor, mean_squares: Tensor, *, rate: float, decay: float, epsilon: float):
-        self._values, self._squares = list(values), list(mean_squares)
-        self._moments = [torch.zeros_like(v) for v in self._values]
-        self._steps = [torch.tensor(1e9, device=values.device) for _ in self._values]
+    def __init__(self, parameters: Parameters, *, rate: float, decay: float, epsilon: float) -> None:
+        self._parameters = parameters
+        values = parameters.by_seed(parameters.values)
+        moments = parameters.by_seed(torch.zeros_like(parameters.values))
+        squares = parameters.by_seed(parameters.mean_squares)
+        gradients = parameters.by_seed(parameters.gradients)
+        self._seeds = list(zip(values, gradients, moments, squares, strict=True))
+        self._steps = [torch.tensor(1e9, device=parameters.device) for _ in values[0]]
         self._options = {"lr": rate, "beta2": decay, "eps": epsilon}
 
-    def step(self, gradients: Tensor, max_norm: float) -> Tensor:
-        """Scale each seed's gradient (S, n) down to ``max_norm`` and apply it; returns the norms (S,)."""
-        norms = torch.linalg.vector_norm(gradients, dim=1)
+    def step(self, max_norm: float) -> Tensor:
+        """Scale each seed's gradient down to ``max_norm`` and apply it; returns the norms before (S,)."""
+        norms = self._parameters.norms(self._parameters.gradients)
         # As torch's clip_grad_norm_: the factor is max_norm / (norm + 1e-6), at most one.
         divisors = ((norms + 1e-6) / max_norm).clamp_min_(1.0)
-        for i, gradient in enumerate(gradients):
+        for (values, gradients, moments, squares), divisor in zip(self._seeds, divisors, strict=True):
             torch._fused_adam_(
-                [self._values[i]],
-                [gradient],
-                [self._moments[i]],
-                [self._squares[i]],
+                values,
+                gradients,
+                moments,
+                squares,
                 [],
-                [self._steps[i]],
+                self._steps,
                 beta1=0.0,
                 weight_decay=0.0,
                 amsgrad=False,
                 maximize=False,
-                grad_scale=divisors[i],
+                grad_scale=divisor,
                 found_inf=None,
                 **self._options,
             )

@@ -40,15 +40,17 @@ class Dense:
         parameters.declare(f"{name}.bias", (n_out,), bias)
 
     def forward(self, x: Tensor, out: Tensor | None = None) -> Tensor:
-        """Map (S, N, in) to (S, N, out)."""
+        """Map (S, N, in) to (S, N, out); with ``out``, that is where the result of the tanh goes."""
         W, b = self.parameters[f"{self.name}.weight"], self.parameters[f"{self.name}.bias"]
-        y = torch.baddbmm(b[:, None], x, W) if out is None else torch.baddbmm(b[:, None], x, W, out=out)
-        return y.tanh_() if self.tanh else y
+        y = torch.baddbmm(b[:, None], x, W)
+        if not self.tanh:
+            return y
+        return y.tanh_() if out is None else torch.tanh(y, out=out)
 
     def backward(self, x: Tensor, y: Tensor, dy: Tensor, *, want_dx: bool = True) -> Tensor | None:
-        """Write the parameters' gradients; return the input's. ``dy`` may be overwritten."""
+        """Write the parameters' gradients; return the input's."""
         if self.tanh:
-            dy = dy * (1 - y * y)
+            dy = torch.ops.aten.tanh_backward(dy, y)
         torch.bmm(x.transpose(1, 2), dy, out=self.parameters.gradient(f"{self.name}.weight"))
         torch.sum(dy, 1, out=self.parameters.gradient(f"{self.name}.bias"))
         if not want_dx:
@@ -109,33 +111,33 @@ class Recurrence:
             return torch.zeros(seeds, slots, lanes, width, device=device)
 
         self.entering, self.features = buffer(HIDDEN), buffer(HIDDEN)
-        self.recurrent, self.rz, self.n = buffer(3 * HIDDEN), buffer(2 * HIDDEN), buffer(HIDDEN)
+        self.recalled, self.rz, self.n = buffer(HIDDEN), buffer(2 * HIDDEN), buffer(HIDDEN)
         self.d_gates = buffer(4 * HIDDEN)
         self.hidden = torch.zeros(seeds, lanes, HIDDEN, device=device)
-        self._row = torch.arange(seeds, device=device)[:, None]
 
     def prepare(self) -> None:
         """Make this update's look-up tables, (S, Ω, 3H) and (S, A + 1, 3H)."""
         W, split = self.parameters[f"{self.name}.input.weight"], self.observations.width
         bias = self.parameters[f"{self.name}.input.bias"]
+        self._first_row = torch.arange(len(W), device=W.device)[:, None]
         self._observation_rows = self.observations.products(W[:, :split]).add_(bias[:, None]).flatten(0, 1)
         self._action_rows = self.actions.products(W[:, split:]).flatten(0, 1)
 
     def _gates_of_input(self, observation: Tensor, last_action: Tensor) -> Tensor:
         """(S, N) indices to (S, N, 3H) pre-activations."""
-        seen = self._observation_rows[self._row * self.observations.n + observation]
-        return seen.add_(self._action_rows[self._row * self.actions.n + last_action])
+        seen = (self._first_row * self.observations.n + observation).flatten()
+        done = (self._first_row * self.actions.n + last_action).flatten()
+        gates = self._observation_rows.index_select(0, seen).add_(self._action_rows.index_select(0, done))
+        return gates.view(*observation.shape, -1)
 
     def step(self, t: int, observation: Tensor, last_action: Tensor, fresh: Tensor) -> Tensor:
         """Fill slot ``t`` from (S, L) indices, memory being empty where ``fresh``; returns (S, L, H)."""
         before = self.hidden if t == 0 else self.features[:, t - 1]
-        h = torch.mul(before, ~fresh[:, :, None], out=self.entering[:, t])
-        given = self._gates_of_input(observation, last_action)
-        recalled = self._recall(h, self.recurrent[:, t])
-        rz = torch.add(given[..., HIDDEN:], recalled[..., : 2 * HIDDEN], out=self.rz[:, t]).sigmoid_()
-        r, z = rz[..., :HIDDEN], rz[..., HIDDEN:]
-        n = torch.addcmul(given[..., :HIDDEN], r, recalled[..., 2 * HIDDEN :], out=self.n[:, t]).tanh_()
-        return torch.lerp(n, h, z, out=self.features[:, t])
+        h = before * ~fresh[:, :, None]
+        self.entering[:, t] = h
+        recalled, rz, n = self._gates(h, observation, last_action)
+        self.rz[:, t], self.n[:, t], self.recalled[:, t] = rz, n, recalled
+        return torch.lerp(n, h, rz[..., HIDDEN:], out=self.features[:, t])
 
     def carry(self, steps: int) -> None:
         """Keep the memory after ``steps`` steps for the next rollout."""
@@ -144,17 +146,19 @@ class Recurrence:
     def infer(self, hidden: Tensor, observation: Tensor, last_action: Tensor, fresh: Tensor) -> Tensor:
         """Advance any (S, N, H) memory by one step, keeping nothing for training."""
         h = hidden * ~fresh[:, :, None]
-        given = self._gates_of_input(observation, last_action)
-        recalled = self._recall(h, None)
-        rz = (given[..., HIDDEN:] + recalled[..., : 2 * HIDDEN]).sigmoid_()
-        r, z = rz[..., :HIDDEN], rz[..., HIDDEN:]
-        n = torch.addcmul(given[..., :HIDDEN], r, recalled[..., 2 * HIDDEN :]).tanh_()
-        return torch.lerp(n, h, z)
+        _, rz, n = self._gates(h, observation, last_action)
+        return torch.lerp(n, h, rz[..., HIDDEN:])
 
-    def _recall(self, h: Tensor, out: Tensor | None) -> Tensor:
+    def _gates(self, h: Tensor, observation: Tensor, last_action: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Return W_hn h + b_hn (S, N, H), the gates r and z side by side (S, N, 2H), and n (S, N, H)."""
         W = self.parameters[f"{self.name}.recurrent.weight"]
         b = self.parameters[f"{self.name}.recurrent.bias"][:, None]
-        return torch.baddbmm(b, h, W) if out is None else torch.baddbmm(b, h, W, out=out)
+        given = self._gates_of_input(observation, last_action)
+        product = torch.baddbmm(b, h, W)
+        recalled = product[..., 2 * HIDDEN :]
+        rz = given[..., HIDDEN:].add_(product[..., : 2 * HIDDEN]).sigmoid_()
+        n = given[..., :HIDDEN].addcmul_(rz[..., :HIDDEN], recalled).tanh_()
+        return recalled, rz, n
 
     def backward(self, d_features: Tensor, steps: int, one_hot: Tensor, fresh: Tensor) -> None:
         """Back-propagate (S, T, L, H) through the T steps of the rollout and write all gradients.
@@ -164,9 +168,9 @@ class Recurrence:
         W = self.parameters[f"{self.name}.recurrent.weight"].transpose(1, 2)
         h, n = self.entering[:, :steps], self.n[:, :steps]
         r, z = self.rz[:, :steps, :, :HIDDEN], self.rz[:, :steps, :, HIDDEN:]
-        per_z = (h - n).mul_(z).mul_(1 - z)
-        per_n = (1 - z).mul_(1 - n * n)
-        per_r = (1 - r).mul_(r).mul_(self.recurrent[:, :steps, :, 2 * HIDDEN :])
+        per_z = torch.ops.aten.sigmoid_backward(h - n, z)
+        per_n = torch.ops.aten.tanh_backward(1 - z, n)
+        per_r = torch.ops.aten.sigmoid_backward(self.recalled[:, :steps], r)
         through = z * ~fresh[..., None]
         D = self.d_gates
         d_hidden: Tensor | None = None

@@ -153,7 +153,6 @@ class Branch:
     def allocate(self, slots: int, lanes: int) -> None:
         """Create the activation buffers."""
         self.body.allocate(self.parameters, slots, lanes)
-        self._row = torch.arange(len(self.parameters.seeds), device=self.parameters.device)[:, None]
 
     def step(self, t: int, memory: Memory) -> Tensor:
         """Output for slot ``t``: (S, L, outputs). A recurrent input must have stepped already."""
@@ -169,10 +168,9 @@ class Branch:
         assert self.grounding is not None
         return self.grounding.forward(self.body.outputs[-1][:, :steps].flatten(1, 2))
 
-    def infer(self, inputs: Tensor) -> tuple[Tensor, Tensor]:
-        """Map inputs (S, N, in) to (output, features), keeping nothing for training."""
-        features = self.body.infer(inputs)
-        return self.head.forward(features), features
+    def infer(self, inputs: Tensor) -> Tensor:
+        """Map inputs (S, N, in) to outputs (S, N, outputs), keeping nothing for training."""
+        return self.head.forward(self.body.infer(inputs))
 
     def infer_inputs(self, inputs: Inputs, hidden: Tensor | None) -> Tensor:
         """Lay out a world's lanes as this branch's inputs (S, N, in); ``hidden`` if it is recurrent."""
@@ -188,8 +186,8 @@ class Branch:
         if self.sight.state is not None:
             return self.sight.state[state]
         table = self.parameters[f"{self.name}.state"]
-        row = self._row.view(-1, *(1,) * (state.ndim - 1))
-        return table[row, state]
+        seed = torch.arange(len(table), device=table.device).view(-1, *(1,) * (state.ndim - 1))
+        return table[seed, state]
 
     def _inputs(self, memory: Memory) -> Tensor:
         if self.recurrence is not None:
@@ -223,7 +221,7 @@ class Branch:
 
 
 class AgentNetworks:
-    """Actor and critic of one agent for a stack of seeds."""
+    """Actor and critic of one agent for a stack of seeds; parameters are zero until initialised or loaded."""
 
     def __init__(
         self,
@@ -265,6 +263,10 @@ class AgentNetworks:
         )
         self.parameters.allocate()
 
+    def initialise(self) -> None:
+        """Give every seed's parameters their random starting values."""
+        self.parameters.initialise()
+
     def _recurrence(self, name: str) -> Recurrence:
         sight = self.sight
         observations = Lookup(self.parameters, f"{name}.observation", sight.n_observations, sight.observation)
@@ -284,3 +286,32 @@ class AgentNetworks:
         """Make this update's look-up tables; call after every change of the parameters."""
         for recurrence in self.recurrences:
             recurrence.prepare()
+
+    @property
+    def hidden_width(self) -> int:
+        """Width of the actor's memory; zero for an actor without one."""
+        return 0 if self.actor.recurrence is None else HIDDEN
+
+    def act(self, inputs: Inputs, hidden: Tensor) -> tuple[Tensor, Tensor]:
+        """Advance the actors by one input: ((S, N, H) new memory, (S, N, A) policy logits)."""
+        features, hidden = self.actor_features(inputs, hidden)
+        return hidden, self.actor.head.forward(features)
+
+    def actor_features(self, inputs: Inputs, hidden: Tensor) -> tuple[Tensor, Tensor]:
+        """Features before the actor's heads (S, N, H), and its new memory."""
+        if self.actor.recurrence is not None:
+            shape = hidden.shape[:2]
+            indices = (inputs.observation, inputs.last_action, inputs.fresh)
+            hidden = self.actor.recurrence.infer(hidden, *(i.view(shape) for i in indices))
+        return self.actor.body.infer(self.actor.infer_inputs(inputs, hidden)), hidden
+
+    def actor_parameters(self) -> frozenset[str]:
+        """Names of all parameters that acting and reconstructing the belief need."""
+        own = (
+            ("actor.",) if self.actor.recurrence is None else ("actor.", self._prefix(self.actor.recurrence))
+        )
+        return frozenset(name for name in self.parameters.shapes if name.startswith(own))
+
+    @staticmethod
+    def _prefix(recurrence: Recurrence) -> str:
+        return recurrence.name.removesuffix("gru")

@@ -1,7 +1,7 @@
-"""All parameters of a stack of runs in one flat buffer: a row per seed, named views into it.
+"""All parameters of a stack of runs in one flat buffer, with named views into it.
 
-Seeds are stacked on a leading axis, so that one batched product serves all of them; the optimiser and the
-clipping see plain vectors.
+Seeds are stacked on a leading axis, so that one batched product serves all of them. The buffer goes
+parameter by parameter, so that every view (S, *shape) is contiguous and products need no copies.
 """
 
 from __future__ import annotations
@@ -71,13 +71,16 @@ class Parameters:
         self._initialisers[name] = initialise
 
     def allocate(self) -> None:
-        """Create and initialise the buffers; each seed draws from a generator of its own."""
-        size = sum(_padded(shape) for shape in self._shapes.values())
-        self.values = torch.zeros(len(self.seeds), size, device=self.device)
+        """Create the buffers, all zero."""
+        n = len(self.seeds)
+        self.values = torch.zeros(n * sum(map(_padded, self._shapes.values())), device=self.device)
         self.gradients = torch.zeros_like(self.values)
         self.mean_squares = torch.zeros_like(self.values)
-        self._views = dict(_views(self.values, self._shapes))
-        self._gradients = dict(_views(self.gradients, self._shapes))
+        self._views = _views(self.values, n, self._shapes)
+        self._gradients = _views(self.gradients, n, self._shapes)
+
+    def initialise(self) -> None:
+        """Initialise the values; each seed draws from a generator of its own."""
         for row, seed in enumerate(self.seeds):
             generator = torch.Generator().manual_seed(seed)
             for name, shape in self._shapes.items():
@@ -102,6 +105,18 @@ class Parameters:
                 raise ValueError(f"parameter {name!r} of shape {tuple(tensor.shape)}: expected {expected}")
             self._views[name][row] = tensor
 
+    def by_seed(self, buffer: Tensor) -> list[list[Tensor]]:
+        """View a buffer of this layout as one list of parameter-sized vectors a seed."""
+        views = _views(buffer, len(self.seeds), self._shapes).values()
+        return [[view[row].flatten() for view in views] for row in range(len(self.seeds))]
+
+    def norms(self, buffer: Tensor) -> Tensor:
+        """L2 norm of each seed's part of a buffer of this layout: (S,)."""
+        views = _views(buffer, len(self.seeds), self._shapes).values()
+        parts = [torch.linalg.vector_norm(view.flatten(1), dim=1) for view in views]
+        norms: Tensor = torch.linalg.vector_norm(torch.stack(parts), dim=0)
+        return norms
+
     @property
     def shapes(self) -> Mapping[str, tuple[int, ...]]:
         """Shapes by name, without the seed axis."""
@@ -112,9 +127,9 @@ def _padded(shape: tuple[int, ...]) -> int:
     return -(-math.prod(shape) // ALIGNMENT) * ALIGNMENT
 
 
-def _views(buffer: Tensor, shapes: Mapping[str, tuple[int, ...]]) -> list[tuple[str, Tensor]]:
-    views, offset = [], 0
+def _views(buffer: Tensor, seeds: int, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Tensor]:
+    views, offset = {}, 0
     for name, shape in shapes.items():
-        views.append((name, buffer[:, offset : offset + math.prod(shape)].view(len(buffer), *shape)))
-        offset += _padded(shape)
+        views[name] = buffer[offset : offset + seeds * math.prod(shape)].view(seeds, *shape)
+        offset += seeds * _padded(shape)
     return views

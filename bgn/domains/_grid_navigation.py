@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
+from math import prod
 
 import numpy as np
 
@@ -143,7 +144,7 @@ def _successors(corridors: CorridorMap, state: int, action: str) -> dict[int, fl
         else:
             mass[4 * destination + (heading + turn) % 4] += p
     mass[state] += blocked
-    return mass
+    return {s: _decimal(p) for s, p in mass.items()}
 
 
 def _sight(corridors: CorridorMap, state: int, landmarks: Sequence[int]) -> dict[int, float]:
@@ -158,8 +159,13 @@ def _sight(corridors: CorridorMap, state: int, landmarks: Sequence[int]) -> dict
     ]  # front, right, back, left
     alarms = [WALL_SEEN if wall else FALSE_ALARM for wall in walls]
     return {
-        pattern: float(
-            np.prod([p if pattern & bit else 1 - p for p, bit in zip(alarms, (8, 4, 2, 1), strict=True)])
+        pattern: _decimal(
+            prod(p if pattern & bit else 1 - p for p, bit in zip(alarms, (8, 4, 2, 1), strict=True))
         )
         for pattern in range(16)
     }
+
+
+def _decimal(p: float) -> float:
+    """Undo the rounding of sums and products: every probability here is a decimal of at most 8 digits."""
+    return round(p, 12)

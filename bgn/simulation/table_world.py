@@ -157,6 +157,12 @@ class TableWorld:
         self.inputs = openings.select(done, arrival)
         return Outcome(reward, ended, truncated, arrival)
 
+    def keep(self, lanes: Tensor) -> None:
+        """Go on with the lanes of these indices only."""
+        self.lanes = len(lanes)
+        self.steps = self.steps[lanes]
+        self.inputs = Inputs(*(v[lanes] for v in vars(self.inputs).values()))
+
     def _move(self, state: Tensor, action: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
         """Draw successors; return their index into the flat successor list, and the states."""
         dynamics = self.tables.dynamics

@@ -47,11 +47,11 @@ class Learner:
     ) -> None:
         self.spec, self.domain, self.settings, self.seeds = spec, domain, settings, seeds
         self.networks = AgentNetworks(spec, domain, settings, seeds, device)
+        self.networks.initialise()
         self.networks.allocate(settings.rollout + 1, settings.lanes)
         parameters = self.networks.parameters
         self.optimiser = RMSProp(
-            parameters.values,
-            parameters.mean_squares,
+            parameters,
             rate=settings.learning_rate,
             decay=settings.rmsprop_decay,
             epsilon=settings.rmsprop_epsilon,
@@ -144,8 +144,7 @@ class Learner:
             hidden = critic.recurrence.infer(
                 critic.recurrence.features[:, t], *(i.view(shape) for i in inputs)
             )
-        values, _ = critic.infer(critic.infer_inputs(arrival, hidden))
-        return values[..., 0]
+        return critic.infer(critic.infer_inputs(arrival, hidden))[..., 0]
 
     def _step_critic(self, t: int) -> None:
         recurrence, memory = self.networks.critic.recurrence, self.memory
@@ -179,7 +178,7 @@ class Learner:
         )
         critic = critic_loss(advantages, settings.critic_weight)
         cross_entropy = self._backward(policy.gradient, critic.gradient[..., None])
-        self.optimiser.step(self.networks.parameters.gradients, settings.max_gradient_norm)
+        self.optimiser.step(settings.max_gradient_norm)
         losses = torch.stack((entropy, policy.loss, critic.loss, cross_entropy), 1)
         self.recorder.record(self.rewards, done, losses)
 
@@ -204,6 +203,13 @@ class Learner:
                 d = d_features[id(recurrence)].view(len(self.seeds), T, self.settings.lanes, -1)
                 recurrence.backward(d, T, one_hot, memory.fresh[:, :T])
         return cross_entropy
+
+    def networks_of(self, row: int) -> AgentNetworks:
+        """Copy one seed's networks out of the stack."""
+        device = self.networks.parameters.device
+        networks = AgentNetworks(self.spec, self.domain, self.settings, (self.seeds[row],), device)
+        networks.parameters.load(0, self.networks.parameters.of_seed(row))
+        return networks
 
     def settle(self) -> None:
         """Move what the next update starts from into tensors that keep their place."""
