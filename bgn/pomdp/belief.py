@@ -22,8 +22,8 @@ def update(
     """Return b'(s') ∝ O(s', a, o) Σ_s T(s, a, s') b(s), shape (S,) (paper, Eq. 1).
 
     ``belief`` is b(s), shape (S,); it need not be normalised. ``ended`` says whether this step ended the
-    episode, where the filter may know: False rules out the states in which the action ends it, True all
-    others, None (Eq. 1 to the letter) neither.
+    episode, where the filter may know: False rules out the states in which the action ends it, True makes the
+    arrival a new start, None (Eq. 1 to the letter) leaves both to T.
 
     Raises
     ------
@@ -35,7 +35,10 @@ def update(
     _check_belief(belief, model.n_states, "belief")
     _check_index(action, model.n_actions, "action")
     _check_index(observation, model.n_observations, "observation")
-    arrival = (belief * _possible(model, action, ended)) @ model.transitions[action]  # (S',)
+    if ended:
+        arrival = model.start * (belief @ model.reset[action])  # (S',)
+    else:
+        arrival = (belief * _possible(model, action, ended)) @ model.transitions[action]
     return _posterior(model, slice(None), arrival, action, observation)
 
 
@@ -61,8 +64,11 @@ def update_hidden(
     _check_index(x, model.n_observed, "x")
     _check_index(x_next, model.n_observed, "x_next")
     here, there = slice(x * Y, (x + 1) * Y), slice(x_next * Y, (x_next + 1) * Y)
-    T = joint.transitions[action][here, there]  # (Y, Y')
-    arrival = (belief * _possible(joint, action, ended)[here]) @ T  # (Y',)
+    if ended:
+        arrival = joint.start[there] * (belief @ joint.reset[action, here])  # (Y',)
+    else:
+        T = joint.transitions[action][here, there]  # (Y, Y')
+        arrival = (belief * _possible(joint, action, ended)[here]) @ T
     return _posterior(joint, there, arrival, action, observation)
 
 
@@ -70,8 +76,7 @@ def _possible(model: POMDP, action: int, ended: bool | None) -> Floats:
     """Return 1 for the states that what is known about the episode's end leaves possible; shape (S,)."""
     if ended is None:
         return np.ones(model.n_states)
-    possible: Floats = np.where(model.reset[action] == ended, 1.0, 0.0)
-    return possible
+    return np.where(model.reset[action], 0.0, 1.0)
 
 
 def _posterior(model: POMDP, states: slice, arrival: Floats, action: int, observation: int) -> Floats:
