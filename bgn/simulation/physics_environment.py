@@ -2,8 +2,8 @@
 
 An observation is the index of the finger's reading (cell and angle bin); ``info`` holds what training may
 use beside it: the joint state x * |Y| + y, its parts, the belief over y, the last action (|A| before the
-first) and the raw finger angle in radians. An episode is truncated at the limit of the domain's variant, so no
-``TimeLimit`` is needed. Everything is a function of the seed of ``reset``.
+first) and the raw finger angle in radians. An episode is truncated at the limit of the domain's variant, so
+no ``TimeLimit`` is needed. Everything is a function of the seed of ``reset``.
 """
 
 from __future__ import annotations
