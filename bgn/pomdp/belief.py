@@ -8,6 +8,7 @@ on, and starting over (``reset``). A filter that is told which of the two happen
 from __future__ import annotations
 
 import numpy as np
+from scipy import sparse
 
 from bgn.pomdp.model import MOMDP, POMDP, Floats
 
@@ -39,7 +40,7 @@ def update(
         arrival = model.start * (belief @ model.reset[action])  # (S',)
     else:
         arrival = (belief * _possible(model, action, ended)) @ model.transitions[action]
-    return _posterior(model, slice(None), arrival, action, observation)
+    return _posterior(model, model.observations[action], arrival, action, observation)
 
 
 def update_hidden(
@@ -69,7 +70,7 @@ def update_hidden(
     else:
         T = joint.transitions[action][here, there]  # (Y, Y')
         arrival = (belief * _possible(joint, action, ended)[here]) @ T
-    return _posterior(joint, there, arrival, action, observation)
+    return _posterior(joint, joint.observations[action][there], arrival, action, observation)
 
 
 def _possible(model: POMDP, action: int, ended: bool | None) -> Floats:
@@ -79,9 +80,10 @@ def _possible(model: POMDP, action: int, ended: bool | None) -> Floats:
     return np.where(model.reset[action], 0.0, 1.0)
 
 
-def _posterior(model: POMDP, states: slice, arrival: Floats, action: int, observation: int) -> Floats:
-    likelihood = model.observations[action][states, [observation]].toarray().ravel()
-    unnormalised: Floats = likelihood * arrival
+def _posterior(model: POMDP, O: sparse.csr_array, arrival: Floats, action: int, observation: int) -> Floats:
+    seen = np.zeros(model.n_observations)
+    seen[observation] = 1.0
+    unnormalised: Floats = (O @ seen) * arrival
     total = unnormalised.sum()
     if not total > 0:
         raise ImpossibleObservationError(
