@@ -24,6 +24,8 @@ class Camera:
 
     def __init__(self, scene: Scene, width: int = 640, height: int = 360) -> None:
         self._scene = scene
+        # Off-screen, MuJoCo clears and resolves its whole buffer for every picture.
+        scene.model.vis.global_.offwidth, scene.model.vis.global_.offheight = width, height
         try:
             self._renderer: Any = mujoco.Renderer(scene.model, height, width)
         except Exception as error:  # each OpenGL backend fails in its own way
