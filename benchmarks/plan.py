@@ -104,8 +104,9 @@ class Selection:
         data = provenance.data_hash(domains.get(domain))
         for agent in self.agents:
             spec = self.registry.cell(domain, agent, budget=self.budget, preset=self.preset)
-            code = provenance.PHYSICS_CODE if spec.physics_episodes else provenance.TRAINING_CODE
-            origin = Origin(provenance.spec_hash(spec), provenance.code_hash(code), data)
+            unused = None if spec.physics_episodes else provenance.PHYSICS_CODE
+            code = provenance.code_hash(provenance.TRAINING_CODE, without=unused)
+            origin = Origin(provenance.spec_hash(spec), code, data)
             for seed in self.seeds:
                 yield Wanted("runs", f"{domain}/{agent}/seed-{seed}", spec, seed, origin)
 

@@ -5,6 +5,7 @@ import pathlib
 
 import pytest
 
+import bgn
 from bgn import domains
 from bgn.agents.hyperparameters import Hyperparameters
 from bgn.results import provenance
@@ -19,11 +20,13 @@ def f(x: int = 1) -> str:
 '''
 
 
-def code_hash(tmp_path: pathlib.Path, source: str, name: str = "m.py") -> str:
-    folder = tmp_path / str(len(list(tmp_path.iterdir())))
-    (folder / "agents").mkdir(parents=True)
-    (folder / "agents" / name).write_text(source)
-    return provenance.code_hash(["agents"], root=folder)
+def code_hash(tmp_path: pathlib.Path, source: str, **others: str) -> str:
+    """Hash a package ``p`` whose module ``m`` holds ``source``, beside other modules."""
+    package = tmp_path / str(len(list(tmp_path.iterdir()))) / "p"
+    package.mkdir(parents=True)
+    for name, text in {"__init__": "", "m": source, **others}.items():
+        (package / f"{name}.py").write_text(text)
+    return provenance.code_hash("p.m", without="p.skipped", root=package.parent)
 
 
 def test_comments_docstrings_and_layout_do_not_count(tmp_path: pathlib.Path) -> None:
@@ -53,8 +56,49 @@ def test_strings_that_are_no_docstrings_count(tmp_path: pathlib.Path) -> None:
     assert code_hash(tmp_path, "x = ['a']\n") != code_hash(tmp_path, "x = ['b']\n")
 
 
-def test_module_names_count(tmp_path: pathlib.Path) -> None:
-    assert code_hash(tmp_path, SOURCE, "n.py") != code_hash(tmp_path, SOURCE)
+@pytest.mark.parametrize(
+    "statement",
+    ["import p.other", "from p import other", "from p.other import x", "def f():\n    import p.other"],
+)
+def test_imported_modules_count_however_imported(tmp_path: pathlib.Path, statement: str) -> None:
+    one = code_hash(tmp_path, statement, other="x = 1")
+    two = code_hash(tmp_path, statement, other="x = 2")
+    through_another = code_hash(tmp_path, "import p.between", between=statement, other="x = 1")
+    assert len({one, two, through_another}) == 3
+
+
+def test_other_modules_do_not_count(tmp_path: pathlib.Path) -> None:
+    alone = code_hash(tmp_path, "import p.skipped")
+    beside = code_hash(tmp_path, "import p.skipped", other="x = 1", skipped="import p.other")
+    assert alone == beside
+
+
+def test_scenes_beside_a_module_count(tmp_path: pathlib.Path) -> None:
+    package = tmp_path / "p"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    hashes = set()
+    for scene in ("<a/>", "<b/>"):
+        (package / "scene.xml").write_text(scene)
+        hashes.add(provenance.code_hash("p", root=tmp_path))
+    assert len(hashes) == 2
+
+
+def test_what_a_training_run_depends_on() -> None:
+    root = pathlib.Path(bgn.__file__).parents[1]
+    modules = set(provenance._closure(provenance.TRAINING_CODE, provenance.PHYSICS_CODE, root))
+    assert {"bgn.agents.a2c", "bgn.training.learner", "bgn.simulation.table_world"} <= modules
+    unrelated = (
+        "bgn.results",
+        "bgn.planning",
+        "bgn.domains.hallway",
+        "bgn.domains.physics",
+        "bgn.simulation.film",
+    )
+    assert not [name for name in modules if name.startswith(unrelated)]
+    with_physics = set(provenance._closure(provenance.TRAINING_CODE, None, root))
+    assert provenance.PHYSICS_CODE in with_physics - modules
+    assert "bgn.domains.physics.top_plate" in with_physics
 
 
 def test_spec_hash_sees_every_field() -> None:

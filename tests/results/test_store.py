@@ -6,7 +6,7 @@ import pandas as pd
 import pyarrow as pa
 import pytest
 
-from bgn.results.store import Store, StoreError, write_atomically, write_text
+from bgn.results.store import Store, StoreError, write_atomically, write_bytes
 
 RUN = "hallway/ah-ch+bgn/seed-3"
 
@@ -36,7 +36,7 @@ def test_failure_stands_beside_an_older_result_until_success(tmp_path: pathlib.P
 
 def test_interrupted_write_leaves_the_old_file(tmp_path: pathlib.Path) -> None:
     path = tmp_path / "file"
-    write_text(path, "old")
+    write_bytes(path, b"old")
 
     def torn(partial: pathlib.Path) -> None:
         partial.write_text("ne")
@@ -68,10 +68,10 @@ def test_unreadable_shard_is_named(tmp_path: pathlib.Path) -> None:
 
 
 def test_only_one_process_may_write(tmp_path: pathlib.Path) -> None:
-    with Store(tmp_path).lock():
-        with pytest.raises(StoreError, match="another process"), Store(tmp_path).lock():
-            pass
-    with Store(tmp_path).lock():
+    store = Store(tmp_path)
+    with store.lock(), pytest.raises(StoreError, match="another process"), store.lock():
+        pass
+    with store.lock():
         pass
 
 

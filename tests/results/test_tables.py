@@ -22,9 +22,8 @@ DOMAINS = (
 def run(domain: str, agent: str, **metrics: float | bool) -> dict[str, object]:
     names = [f"{kind}_{what}" for kind in ("train", "sampled", "greedy") for what in ("return", "success")]
     spec = json.dumps({"evaluation_episodes": 1000})
-    return (
-        {"domain": domain, "agent": agent, "spec": spec, "older": False} | dict.fromkeys(names, 0.0) | metrics
-    )
+    row = {"domain": domain, "agent": agent, "spec": spec, "older": False}
+    return row | dict.fromkeys(names, 0.0) | metrics
 
 
 def reference(domain: str, policy: str, convention: str, value: float) -> dict[str, object]:
