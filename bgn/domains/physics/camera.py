@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
 import time
 from typing import Any, Final
 
@@ -56,9 +57,11 @@ class Window:
             )
         import mujoco.viewer  # loads a window system
 
+        others = set(threading.enumerate())
         self._viewer: Any = mujoco.viewer.launch_passive(
             scene.model, scene.data, show_left_ui=False, show_right_ui=False
         )
+        self._threads = set(threading.enumerate()) - others
         self._viewer.cam.type = mujoco.mjtCamera.mjCAMERA_FIXED
         self._viewer.cam.fixedcamid = scene.model.camera(VIEW).id
         self._due = time.perf_counter()
@@ -71,5 +74,7 @@ class Window:
         self._viewer.sync()
 
     def close(self) -> None:
-        """Close the window."""
+        """Close the window and wait until it is gone: a Python that exits first would crash."""
         self._viewer.close()
+        for thread in self._threads:
+            thread.join(timeout=5)
