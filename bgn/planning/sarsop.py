@@ -1,0 +1,272 @@
+"""SARSOP: point-based planning near the beliefs that optimal policies reach.
+
+H. Kurniawati, D. Hsu, W. S. Lee, "SARSOP: Efficient Point-Based POMDP Planning by Approximating Optimally Reachable
+Belief Spaces", RSS 2008. A search alternates between sampling a path of beliefs (guided by the bounds and by values
+predicted from similar beliefs), backing up alpha vectors (lower bound) and sawtooth points (upper bound) along it,
+and pruning what cannot be optimal. Both bounds hold at any time and only improve.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bgn.planning import _kernels as kernels
+from bgn.planning.alpha_vectors import AlphaVectors
+from bgn.planning.bounds import blind_policies, fast_informed, value_scale
+from bgn.planning.compiled import CompiledModel, Ints, compile_model, restrict
+from bgn.planning.episodic import Convention, start_beliefs
+from bgn.pomdp.model import MOMDP, POMDP
+
+#: A trial aims to close the gap to this share of what it is.
+TRIAL_TARGET = 0.5
+#: Prune when the alpha vectors have grown by this factor since the last time.
+PRUNE_GROWTH = 1.15
+#: Neighbourhood of the sampled beliefs in which pruning must not change the lower bound.
+DELTA = 1e-4
+
+
+class PlanningError(ValueError):
+    """A request that cannot be met; the message says why and what would be possible."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Progress:
+    """Where a search stands."""
+
+    lower: float
+    """Value that the policy found guarantees at the start."""
+    upper: float
+    """Value that no policy exceeds."""
+    seconds: float
+    """CPU time of the search so far."""
+    vectors: int
+    """Alpha vectors in the policy."""
+    beliefs: int
+    """Beliefs sampled and not pruned."""
+    trials: int
+    backups: int
+
+    @property
+    def gap(self) -> float:
+        """Upper bound minus lower bound."""
+        return self.upper - self.lower
+
+
+class Sarsop:
+    """An anytime search: iterate :meth:`trials` for as long as wanted, then take the :meth:`policy`.
+
+    Raises
+    ------
+    PlanningError
+        The model's discount is 1: bounds need rewards that fade.
+    """
+
+    def __init__(self, model: POMDP | MOMDP, convention: Convention = "clean") -> None:
+        self._began = time.process_time()
+        self._joint = model.joint if isinstance(model, MOMDP) else model
+        if self._joint.discount >= 1:
+            raise PlanningError("SARSOP needs a discount below 1; this model's is 1")
+        starts = start_beliefs(model, convention)
+        self._model = compile_model(self._joint, starts)
+        self._search = _allocate(self._model)
+        self._prune_at = 100
+        self._n_trials = 0
+        roots, weights = [], []
+        for start in starts:
+            c, belief, mass = restrict(self._model, start.belief)
+            if c >= 0:
+                self._reserve(1)
+                roots.append(kernels.add_belief(self._model, self._search, c, belief))
+                weights.append(start.weight * mass)
+        self._roots, self._weights = np.array(roots, dtype=np.int64), np.array(weights)
+        for root in self._roots:
+            self._reserve(1)
+            kernels.backup(self._model, self._search, root)
+
+    def progress(self) -> Progress:
+        """Return the bounds and sizes reached."""
+        lower, upper = self._root_bounds()
+        n_alphas, n_slots = (self._search.counts[k] for k in (kernels.ALPHAS, kernels.SLOTS))
+        return Progress(
+            lower=float(self._weights @ lower),
+            upper=float(self._weights @ upper),
+            seconds=time.process_time() - self._began,
+            vectors=int(self._search.alpha_alive[:n_alphas].sum()),
+            beliefs=int(self._search.slot_alive[:n_slots].sum()),
+            trials=self._n_trials,
+            backups=int(self._search.counts[kernels.BACKUPS]),
+        )
+
+    def trials(self, precision: float) -> Iterator[None]:
+        """Run trials until the gap at the start is at most ``precision``; yields after each.
+
+        Raises
+        ------
+        PlanningError
+            ``precision`` is not positive, or finer than double precision allows for this model's values.
+        """
+        finest = 10 * kernels.RELATIVE_IMPROVEMENT * self._search.scale
+        if not precision >= finest:
+            raise PlanningError(
+                f"precision {precision:g} is impossible: values of this model are known to about {finest:.1g}"
+            )
+        while True:
+            lower, upper = self._root_bounds()
+            excess = self._weights * (upper - lower)
+            gap = float(excess.sum())
+            if gap <= precision:
+                return
+            chosen = int(excess.argmax())
+            target = max(precision, TRIAL_TARGET * gap) * float(excess[chosen]) / gap / self._weights[chosen]
+            self._reserve(kernels.MAX_DEPTH)
+            kernels.trial(
+                self._model, self._search, self._roots[chosen], lower[chosen], lower[chosen] + target, target
+            )
+            self._n_trials += 1
+            self._prune_if_due()
+            yield
+
+    def policy(self) -> AlphaVectors:
+        """Return the alpha vectors found, over the original states.
+
+        Entries outside a vector's class are the lowest value any policy can have, so every vector is a valid lower
+        bound everywhere.
+        """
+        kernels.mark_alive(self._model, self._search, self._roots, self._stack())
+        kernels.prune_alphas(self._model, self._search, DELTA)
+        search, model = self._search, self._model
+        kept = np.flatnonzero(search.alpha_alive[: search.counts[kernels.ALPHAS]])
+        lowest = min(0.0, float(self._joint.expected_rewards.min())) / (1 - model.discount)
+        vectors = np.full((kept.size, self._joint.n_states), lowest)
+        for row, k in enumerate(kept):
+            c, at = search.alpha_class[k], search.alpha_at[k]
+            inside = slice(model.class_first[c], model.class_first[c + 1])
+            size = inside.stop - inside.start
+            vectors[row, model.states[inside]] = search.alphas[at : at + size]
+        return AlphaVectors(vectors=vectors, actions=search.alpha_action[kept].copy())
+
+    def _root_bounds(self) -> tuple[Any, Any]:
+        for root in self._roots:
+            kernels.refresh_lower(self._model, self._search, root)
+            kernels.refresh_upper(self._model, self._search, root)
+        return self._search.node_lower[self._roots], self._search.node_upper[self._roots]
+
+    def _prune_if_due(self) -> None:
+        alive = int(self._search.counts[kernels.ALPHAS]) - self._pruned
+        if alive >= self._prune_at:
+            kernels.mark_alive(self._model, self._search, self._roots, self._stack())
+            kernels.prune_alphas(self._model, self._search, DELTA)
+            kernels.prune_points(self._model, self._search)
+            total = int(self._search.counts[kernels.ALPHAS])
+            alive = int(self._search.alpha_alive[:total].sum())
+            self._pruned = total - alive
+            self._prune_at = max(int(PRUNE_GROWTH * alive), alive + 100)
+
+    _pruned = 0
+
+    def _stack(self) -> Ints:
+        return np.empty(self._search.counts[kernels.SLOTS] + 1, dtype=np.int64)
+
+    def _reserve(self, steps: int) -> None:
+        self._search = _reserve(self._model, self._search, steps)
+
+
+#: Which arrays grow with which count.
+_GROWING = {
+    kernels.NODES: (
+        *("node_class", "node_at", "node_hash", "node_corner", "node_start_upper", "node_upper"),
+        *("node_seen_point", "node_lower", "node_alpha", "node_seen_alpha", "node_slot", "node_support"),
+        *("node_support_size", "node_point"),
+    ),
+    kernels.BELIEFS: ("beliefs",),
+    kernels.SLOTS: ("slot_node", "slot_alive", "q_upper", "edge_first", "slot_bin", "slot_binned"),
+    kernels.EDGES: ("edge_child", "edge_p"),
+    kernels.ALPHAS: (
+        *("alpha_class", "alpha_at", "alpha_action", "alpha_node", "alpha_previous", "alpha_alive"),
+    ),
+    kernels.ALPHA_ENTRIES: ("alphas",),
+    kernels.POINTS: ("point_node", "point_drop", "point_previous", "point_alive"),
+    kernels.SUPPORTS: ("support_state", "support_inverse"),
+}
+
+
+def _needs(model: CompiledModel, steps: int) -> dict[int, int]:
+    """Return by how much each count can grow in a trial of that many steps."""
+    A, widest = model.n_actions, int(np.diff(model.class_first).max())
+    children = int(np.diff(model.branch_first[:: max(A, 1)]).max(initial=0))
+    return {
+        kernels.NODES: steps * children + 1,
+        kernels.BELIEFS: (steps * children + 2) * widest,
+        kernels.SLOTS: steps + 1,
+        kernels.EDGES: steps * children + 1,
+        kernels.ALPHAS: steps + 1,
+        kernels.ALPHA_ENTRIES: (steps + 1) * widest,
+        kernels.POINTS: steps + 1,
+        kernels.SUPPORTS: (steps + 1) * widest,
+    }
+
+
+def _reserve(model: CompiledModel, search: kernels.Search, steps: int) -> kernels.Search:
+    """Make room for ``steps`` more steps; untouched memory costs nothing."""
+    grown: dict[str, Any] = {}
+    for count, need in _needs(model, steps).items():
+        for name in _GROWING[count]:
+            array = getattr(search, name)
+            wanted = int(search.counts[count]) + need
+            if array.shape[0] < wanted:
+                larger = np.empty((max(wanted, array.shape[0] * 3 // 2), *array.shape[1:]), dtype=array.dtype)
+                larger[: array.shape[0]] = array
+                grown[name] = larger
+    if grown:
+        search = search._replace(**grown)
+    if 2 * search.node_class.size > search.table.size:
+        table = np.full(1 << int(2 * search.node_class.size).bit_length(), -1, dtype=np.int64)
+        kernels.rehash(search, table)
+        search = search._replace(table=table)
+    return search
+
+
+def _allocate(model: CompiledModel) -> kernels.Search:
+    """Return a search that knows only the bounds that need no search."""
+    L, A, C = model.n_live, model.n_actions, model.n_classes
+    informed = fast_informed(model)
+    fields: dict[str, Any] = {name: np.zeros(0, dtype=np.int64) for name in kernels.Search._fields}
+    floats = ("node_corner", "node_start_upper", "node_upper", "node_lower", "beliefs", "slot_binned")
+    for name in (*floats, "edge_p", "alphas", "point_drop", "support_inverse"):
+        fields[name] = np.zeros(0)
+    for name in ("slot_alive", "alpha_alive", "point_alive"):
+        fields[name] = np.zeros(0, dtype=np.bool_)
+    bins = 25 * 25
+    fields |= {
+        "counts": np.zeros(9, dtype=np.int64),
+        "node_hash": np.zeros(0, dtype=np.uint64),
+        "table": np.full(2, -1, dtype=np.int64),
+        "q_upper": np.zeros((0, A)),
+        "edge_first": np.zeros((0, A), dtype=np.int64),
+        "slot_bin": np.zeros((0, 2), dtype=np.int64),
+        "alpha_newest": np.full(C, -1, dtype=np.int64),
+        "corner": informed.max(axis=0),
+        "informed": informed,
+        "point_newest": np.full(C, -1, dtype=np.int64),
+        "forward": np.zeros(L),
+        "backward": np.zeros(L),
+        "default_alpha": np.zeros(C, dtype=np.int64),
+        "bin_sum": np.zeros((2, bins)),
+        "bin_count": np.zeros((2, bins)),
+        "bin_error": np.zeros((2, bins)),
+        "path": np.zeros(kernels.MAX_DEPTH, dtype=np.int64),
+        "scale": value_scale(model),
+    }
+    search = _reserve(model, kernels.Search(**fields), max(1, C * A))
+    blind = blind_policies(model)
+    for c in range(C):
+        inside = slice(model.class_first[c], model.class_first[c + 1])
+        search.default_alpha[c] = search.counts[kernels.ALPHAS] + int(blind[:, inside].mean(axis=1).argmax())
+        for a in range(A):
+            kernels.append_alpha(model, search, c, a, -1)[:] = blind[a, inside]
+    return search
