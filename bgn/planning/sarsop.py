@@ -18,7 +18,7 @@ import numpy as np
 from bgn.planning import _kernels as kernels
 from bgn.planning.alpha_vectors import AlphaVectors
 from bgn.planning.bounds import blind_policies, fast_informed, value_scale
-from bgn.planning.compiled import CompiledModel, Ints, compile_model, restrict
+from bgn.planning.compiled import CompiledModel, compile_model, restrict
 from bgn.planning.episodic import Convention, start_beliefs
 from bgn.pomdp.model import MOMDP, POMDP
 
@@ -81,7 +81,7 @@ class Sarsop:
             c, belief, mass = restrict(self._model, start.belief)
             if c >= 0:
                 self._reserve(1)
-                roots.append(kernels.add_belief(self._model, self._search, c, belief))
+                roots.append(kernels.add_sampled(self._model, self._search, c, belief))
                 weights.append(start.weight * mass)
         self._roots, self._weights = np.array(roots, dtype=np.int64), np.array(weights)
         for root in self._roots:
@@ -96,8 +96,8 @@ class Sarsop:
             lower=float(self._weights @ lower),
             upper=float(self._weights @ upper),
             seconds=time.process_time() - self._began,
-            vectors=int(self._search.alpha_alive[:n_alphas].sum()),
-            beliefs=int(self._search.slot_alive[:n_slots].sum()),
+            vectors=int(self._search.alphas["alive"][:n_alphas].sum()),
+            beliefs=int(self._search.slots["alive"][:n_slots].sum()),
             trials=self._n_trials,
             backups=int(self._search.counts[kernels.BACKUPS]),
         )
@@ -137,40 +137,39 @@ class Sarsop:
         Entries outside a vector's class are the lowest value any policy can have, so every vector is a valid lower
         bound everywhere.
         """
-        kernels.mark_alive(self._model, self._search, self._roots, self._stack())
+        kernels.mark_alive(self._model, self._search, self._roots)
         kernels.prune_alphas(self._model, self._search, DELTA)
         search, model = self._search, self._model
-        kept = np.flatnonzero(search.alpha_alive[: search.counts[kernels.ALPHAS]])
+        alphas = search.alphas[: search.counts[kernels.ALPHAS]]
+        alphas = alphas[alphas["alive"]]
         lowest = min(0.0, float(self._joint.expected_rewards.min())) / (1 - model.discount)
-        vectors = np.full((kept.size, self._joint.n_states), lowest)
-        for row, k in enumerate(kept):
-            c, at = search.alpha_class[k], search.alpha_at[k]
-            inside = slice(model.class_first[c], model.class_first[c + 1])
-            size = inside.stop - inside.start
-            vectors[row, model.states[inside]] = search.alphas[at : at + size]
-        return AlphaVectors(vectors=vectors, actions=search.alpha_action[kept].copy())
+        vectors = np.full((alphas.size, self._joint.n_states), lowest)
+        for vector, alpha in zip(vectors, alphas, strict=True):
+            c, at = alpha["belief_class"], alpha["at"]
+            states = model.states[model.class_first[c] : model.class_first[c + 1]]
+            vector[states] = search.alpha_entries[at : at + states.size]
+        return AlphaVectors(vectors=vectors, actions=alphas["action"].astype(np.int64))
 
     def _root_bounds(self) -> tuple[Any, Any]:
         for root in self._roots:
-            kernels.refresh_lower(self._model, self._search, root)
-            kernels.refresh_upper(self._model, self._search, root)
-        return self._search.node_lower[self._roots], self._search.node_upper[self._roots]
+            belief = kernels.belief_of(self._model, self._search, root)
+            kernels.refresh_lower(self._search, root, belief)
+            kernels.refresh_upper(self._search, root, belief)
+        nodes = self._search.nodes[self._roots]
+        return nodes["lower"], nodes["upper"]
 
     def _prune_if_due(self) -> None:
         alive = int(self._search.counts[kernels.ALPHAS]) - self._pruned
         if alive >= self._prune_at:
-            kernels.mark_alive(self._model, self._search, self._roots, self._stack())
+            kernels.mark_alive(self._model, self._search, self._roots)
             kernels.prune_alphas(self._model, self._search, DELTA)
             kernels.prune_points(self._model, self._search)
             total = int(self._search.counts[kernels.ALPHAS])
-            alive = int(self._search.alpha_alive[:total].sum())
+            alive = int(self._search.alphas["alive"][:total].sum())
             self._pruned = total - alive
             self._prune_at = max(int(PRUNE_GROWTH * alive), alive + 100)
 
     _pruned = 0
-
-    def _stack(self) -> Ints:
-        return np.empty(self._search.counts[kernels.SLOTS] + 1, dtype=np.int64)
 
     def _reserve(self, steps: int) -> None:
         self._search = _reserve(self._model, self._search, steps)
@@ -178,19 +177,13 @@ class Sarsop:
 
 #: Which arrays grow with which count.
 _GROWING = {
-    kernels.NODES: (
-        *("node_class", "node_at", "node_hash", "node_corner", "node_start_upper", "node_upper"),
-        *("node_seen_point", "node_lower", "node_alpha", "node_seen_alpha", "node_slot", "node_support"),
-        *("node_support_size", "node_point"),
-    ),
+    kernels.NODES: ("nodes",),
     kernels.BELIEFS: ("beliefs",),
-    kernels.SLOTS: ("slot_node", "slot_alive", "q_upper", "edge_first", "slot_bin", "slot_binned"),
-    kernels.EDGES: ("edge_child", "edge_p"),
-    kernels.ALPHAS: (
-        *("alpha_class", "alpha_at", "alpha_action", "alpha_node", "alpha_previous", "alpha_alive"),
-    ),
-    kernels.ALPHA_ENTRIES: ("alphas",),
-    kernels.POINTS: ("point_node", "point_drop", "point_previous", "point_alive"),
+    kernels.SLOTS: ("slots", "q_upper", "edge_first"),
+    kernels.EDGES: ("edges",),
+    kernels.ALPHAS: ("alphas",),
+    kernels.ALPHA_ENTRIES: ("alpha_entries",),
+    kernels.POINTS: ("points",),
     kernels.SUPPORTS: ("support_state", "support_inverse"),
 }
 
@@ -198,10 +191,10 @@ _GROWING = {
 def _needs(model: CompiledModel, steps: int) -> dict[int, int]:
     """Return by how much each count can grow in a trial of that many steps."""
     A, widest = model.n_actions, int(np.diff(model.class_first).max())
-    children = int(np.diff(model.branch_first[:: max(A, 1)]).max(initial=0))
+    children = int(np.diff(model.branch_first[::A]).max(initial=0))
     return {
         kernels.NODES: steps * children + 1,
-        kernels.BELIEFS: (steps * children + 2) * widest,
+        kernels.BELIEFS: (steps + 1) * widest,
         kernels.SLOTS: steps + 1,
         kernels.EDGES: steps * children + 1,
         kernels.ALPHAS: steps + 1,
@@ -212,7 +205,7 @@ def _needs(model: CompiledModel, steps: int) -> dict[int, int]:
 
 
 def _reserve(model: CompiledModel, search: kernels.Search, steps: int) -> kernels.Search:
-    """Make room for ``steps`` more steps; untouched memory costs nothing."""
+    """Make room for ``steps`` more steps; memory that is not touched yet costs nothing."""
     grown: dict[str, Any] = {}
     for count, need in _needs(model, steps).items():
         for name in _GROWING[count]:
@@ -224,8 +217,8 @@ def _reserve(model: CompiledModel, search: kernels.Search, steps: int) -> kernel
                 grown[name] = larger
     if grown:
         search = search._replace(**grown)
-    if 2 * search.node_class.size > search.table.size:
-        table = np.full(1 << int(2 * search.node_class.size).bit_length(), -1, dtype=np.int64)
+    if 2 * search.nodes.size > search.table.size:
+        table = np.full(1 << int(2 * search.nodes.size).bit_length(), -1, dtype=np.int32)
         kernels.rehash(search, table)
         search = search._replace(table=table)
     return search
@@ -235,38 +228,37 @@ def _allocate(model: CompiledModel) -> kernels.Search:
     """Return a search that knows only the bounds that need no search."""
     L, A, C = model.n_live, model.n_actions, model.n_classes
     informed = fast_informed(model)
-    fields: dict[str, Any] = {name: np.zeros(0, dtype=np.int64) for name in kernels.Search._fields}
-    floats = ("node_corner", "node_start_upper", "node_upper", "node_lower", "beliefs", "slot_binned")
-    for name in (*floats, "edge_p", "alphas", "point_drop", "support_inverse"):
-        fields[name] = np.zeros(0)
-    for name in ("slot_alive", "alpha_alive", "point_alive"):
-        fields[name] = np.zeros(0, dtype=np.bool_)
-    bins = 25 * 25
-    fields |= {
-        "counts": np.zeros(9, dtype=np.int64),
-        "node_hash": np.zeros(0, dtype=np.uint64),
-        "table": np.full(2, -1, dtype=np.int64),
-        "q_upper": np.zeros((0, A)),
-        "edge_first": np.zeros((0, A), dtype=np.int64),
-        "slot_bin": np.zeros((0, 2), dtype=np.int64),
-        "alpha_newest": np.full(C, -1, dtype=np.int64),
-        "corner": informed.max(axis=0),
-        "informed": informed,
-        "point_newest": np.full(C, -1, dtype=np.int64),
-        "forward": np.zeros(L),
-        "backward": np.zeros(L),
-        "default_alpha": np.zeros(C, dtype=np.int64),
-        "bin_sum": np.zeros((2, bins)),
-        "bin_count": np.zeros((2, bins)),
-        "bin_error": np.zeros((2, bins)),
-        "path": np.zeros(kernels.MAX_DEPTH, dtype=np.int64),
-        "scale": value_scale(model),
-    }
-    search = _reserve(model, kernels.Search(**fields), max(1, C * A))
+    search = kernels.Search(
+        counts=np.zeros(9, dtype=np.int64),
+        scale=value_scale(model),
+        nodes=np.zeros(0, dtype=kernels.NODE),
+        beliefs=np.zeros(0),
+        table=np.full(2, -1, dtype=np.int32),
+        slots=np.zeros(0, dtype=kernels.SLOT),
+        q_upper=np.zeros((0, A)),
+        edge_first=np.zeros((0, A), dtype=np.int64),
+        edges=np.zeros(0, dtype=kernels.EDGE),
+        alphas=np.zeros(0, dtype=kernels.ALPHA),
+        alpha_entries=np.zeros(0),
+        alpha_newest=np.full(C, -1, dtype=np.int64),
+        default_alpha=np.zeros(C, dtype=np.int64),
+        corner=informed.max(axis=0),
+        informed=informed,
+        points=np.zeros(0, dtype=kernels.POINT),
+        point_newest=np.full(C, -1, dtype=np.int64),
+        support_state=np.zeros(0, dtype=np.int32),
+        support_inverse=np.zeros(0),
+        bin_sums=np.zeros((2, max(kernels.BINS) ** 2, 3)),
+        path=np.zeros(kernels.MAX_DEPTH, dtype=np.int64),
+        predicted=np.zeros(L),
+        backward=np.zeros(L),
+        conditioned=np.zeros(int(np.diff(model.class_first).max())),
+    )
+    search = _reserve(model, search, C * A)
     blind = blind_policies(model)
     for c in range(C):
         inside = slice(model.class_first[c], model.class_first[c + 1])
         search.default_alpha[c] = search.counts[kernels.ALPHAS] + int(blind[:, inside].mean(axis=1).argmax())
         for a in range(A):
-            kernels.append_alpha(model, search, c, a, -1)[:] = blind[a, inside]
+            kernels.append_alpha(model, search, c, a)[:] = blind[a, inside]
     return search
