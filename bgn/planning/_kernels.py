@@ -74,7 +74,14 @@ ALPHA = np.dtype(
 )
 POINT = np.dtype(
     # drop: how far the point lies below the plane through the corners
-    [("node", "i4"), ("previous", "i4"), ("alive", "b1"), ("drop", "f8")],
+    [
+        ("node", "i4"),
+        ("previous", "i4"),
+        ("support_at", "i8"),  # where its states begin in the lists of supports
+        ("support_size", "i4"),
+        ("alive", "b1"),
+        ("drop", "f8"),
+    ],
     align=True,
 )
 
@@ -253,8 +260,7 @@ def sawtooth(search: Search, i: int, b: Floats, best: float, after: int) -> floa
         point = search.points[k]
         needed = (plane - best) / point.drop
         if needed < 1.0 and point.alive and point.node != i:
-            slot = search.slots[search.nodes[point.node].slot]
-            at, n = slot.support_at, slot.support_size
+            at, n = point.support_at, point.support_size
             states, inverses = search.support_state[at : at + n], search.support_inverse[at : at + n]
             ratio = 1.0
             for m in range(n):
@@ -449,6 +455,7 @@ def log_point(model: CompiledModel, search: Search, i: int) -> None:
     search.counts[POINTS] += 1
     point = search.points[k]
     point.node, point.alive, point.drop = i, True, node.corner - node.upper
+    point.support_at, point.support_size = slot.support_at, slot.support_size
     point.previous = search.point_newest[node.belief_class]
     search.point_newest[node.belief_class] = k
     node.point = k
@@ -658,8 +665,9 @@ def prune_points(model: CompiledModel, search: Search) -> None:
         point = search.points[k]
         if point.alive:
             node = search.nodes[point.node]
-            others = sawtooth(search, point.node, belief_of(model, search, point.node), node.corner, -1)
-            point.alive = others > node.corner - point.drop + tolerance
+            enough = node.corner - point.drop + tolerance
+            others = sawtooth(search, point.node, belief_of(model, search, point.node), enough, -1)
+            point.alive = others >= enough
     search.point_newest[:] = -1
     for k in range(search.counts[POINTS]):
         point = search.points[k]

@@ -24,8 +24,8 @@ from bgn.pomdp.model import MOMDP, POMDP
 
 #: A trial aims to close the gap to this share of what it is.
 TRIAL_TARGET = 0.5
-#: Prune when the alpha vectors have grown by this factor since the last time.
-PRUNE_GROWTH = 1.15
+#: Prune when this many alpha vectors were added for each one that the last pruning left.
+PRUNE_GROWTH = 0.25
 #: Neighbourhood of the sampled beliefs in which pruning must not change the lower bound.
 DELTA = 1e-4
 
@@ -74,7 +74,7 @@ class Sarsop:
         starts = start_beliefs(model, convention)
         self._model = compile_model(self._joint, starts)
         self._search = _allocate(self._model)
-        self._prune_at = 100
+        self._prune_alphas_at, self._prune_points_at = 100, 500
         self._n_trials = 0
         roots, weights = [], []
         for start in starts:
@@ -159,17 +159,16 @@ class Sarsop:
         return nodes["lower"], nodes["upper"]
 
     def _prune_if_due(self) -> None:
-        alive = int(self._search.counts[kernels.ALPHAS]) - self._pruned
-        if alive >= self._prune_at:
+        counts = self._search.counts
+        if counts[kernels.ALPHAS] >= self._prune_alphas_at:
             kernels.mark_alive(self._model, self._search, self._roots)
             kernels.prune_alphas(self._model, self._search, DELTA)
+            alive = int(self._search.alphas["alive"][: counts[kernels.ALPHAS]].sum())
+            self._prune_alphas_at = int(counts[kernels.ALPHAS]) + max(int(PRUNE_GROWTH * alive), 100)
+        if counts[kernels.POINTS] >= self._prune_points_at:
             kernels.prune_points(self._model, self._search)
-            total = int(self._search.counts[kernels.ALPHAS])
-            alive = int(self._search.alphas["alive"][:total].sum())
-            self._pruned = total - alive
-            self._prune_at = max(int(PRUNE_GROWTH * alive), alive + 100)
-
-    _pruned = 0
+            alive = int(self._search.points["alive"][: counts[kernels.POINTS]].sum())
+            self._prune_points_at = int(counts[kernels.POINTS]) + max(alive, 500)
 
     def _reserve(self, steps: int) -> None:
         self._search = _reserve(self._model, self._search, steps)
