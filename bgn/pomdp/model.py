@@ -6,6 +6,7 @@ model (Appendix E) factors S = X x Y into an observed part x and a hidden part y
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -36,7 +37,10 @@ class POMDP:
     observations: tuple[sparse.csr_array, ...]
     rewards: Floats
     start: Floats  # (S,) probabilities
-    reset: NDArray[np.bool_]  # (A, S): taking a in s ends the episode; T then leads to the start distribution
+    # (A, S): taking a in s ends the episode. T then leads to the start distribution or, where that row
+    # would be too wide to store in every such state (robot domains), stays in s: nothing may follow T
+    # there.
+    reset: NDArray[np.bool_]
     discount: float
     state_names: tuple[str, ...]
     action_names: tuple[str, ...]
@@ -105,6 +109,21 @@ class MOMDP:
             f"{self.joint.n_states} states do not factor into {self.n_observed} observed parts",
         )
         object.__setattr__(self, "n_hidden", self.joint.n_states // self.n_observed)
+
+
+def sparse_rows(rows: Sequence[Mapping[int, float]], n_columns: int) -> sparse.csr_array:
+    """Return the (len(rows), n_columns) array whose row i holds the values ``{column: value}`` of rows[i]."""
+    array = sparse.csr_array(
+        (
+            np.fromiter((value for row in rows for value in row.values()), dtype=np.float64),
+            np.fromiter((column for row in rows for column in row), dtype=np.int32),
+            np.cumsum([0, *map(len, rows)], dtype=np.int32),
+        ),
+        shape=(len(rows), n_columns),
+    )
+    array.eliminate_zeros()
+    array.sort_indices()
+    return array
 
 
 def _require(condition: bool, message: str) -> None:

@@ -1,0 +1,150 @@
+"""The command line: ``python -m benchmarks run | status | tables``."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import pathlib
+import sys
+from collections.abc import Sequence
+
+from rich.console import Console
+
+from benchmarks import local_executor, plan, progress, registry, report
+from benchmarks.plan import Selection, State
+from benchmarks.registry import Registry, RegistryError
+from benchmarks.tasks import Tools
+from bgn.domains import UnknownDomainError
+from bgn.results.store import StoreError
+
+_FAILED, _USAGE, _INTERRUPTED = 1, 2, 130
+
+
+def main(arguments: Sequence[str] | None = None, *, tools: Tools = Tools()) -> int:  # noqa: B008
+    """Run a command; return its exit status."""
+    console = Console() if sys.stdout.isatty() else Console(width=report.TABLE_WIDTH)
+    try:
+        benchmark = registry.load()
+        options = _parser(benchmark).parse_args(arguments)
+        selection = _select(benchmark, options)
+        if options.command == "run":
+            return _run(selection, options, tools, console)
+        show = {"status": _show_status, "tables": _show_tables}[options.command]
+        return show(selection, options, console)
+    except (RegistryError, StoreError, UnknownDomainError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return _USAGE
+    except KeyboardInterrupt:
+        print("interrupted; the same command goes on where this one stopped", file=sys.stderr)
+        return _INTERRUPTED
+
+
+def _run(selection: Selection, options: argparse.Namespace, tools: Tools, console: Console) -> int:
+    store = selection.store(options.results)
+    wanted = selection.wanted()
+    with store.lock():
+        lacking = [s.wanted for s in plan.statuses(wanted, store) if s.state is not State.CURRENT]
+        tasks = selection.tasks(lacking, store, options.device)
+        done = len(wanted) - len(lacking)
+        console.print(f"{done} of {len(wanted)} runs and reference rows are done.", highlight=False)
+        if tasks:
+            events = local_executor.run_tasks(tasks, jobs=options.jobs, tools=tools)
+            with progress.display(tasks, console) as display, contextlib.closing(events):
+                for event in events:
+                    display.note(event)
+    statuses = plan.statuses(wanted, store)
+    report.show_tables(selection, store, console)
+    if all(status.state is State.CURRENT for status in statuses):
+        return 0
+    report.show_missing(statuses, console)
+    return _FAILED
+
+
+def _show_status(selection: Selection, options: argparse.Namespace, console: Console) -> int:
+    statuses = plan.statuses(selection.wanted(), selection.store(options.results))
+    report.show_status(selection, statuses, console)
+    return 0
+
+
+def _show_tables(selection: Selection, options: argparse.Namespace, console: Console) -> int:
+    report.show_tables(selection, selection.store(options.results), console)
+    return 0
+
+
+def _select(benchmark: Registry, options: argparse.Namespace) -> Selection:
+    budget = benchmark.budget(options.budget)
+    benchmark.select("preset", [options.preset])
+    only_agents, only_references = options.agent is not None, options.reference is not None
+    return Selection(
+        registry=benchmark,
+        budget=options.budget,
+        preset=options.preset,
+        domains=benchmark.select("domain", options.domain),
+        agents=() if only_references and not only_agents else benchmark.select("agent", options.agent),
+        references=(
+            () if only_agents and not only_references else benchmark.select("reference", options.reference)
+        ),
+        seeds=options.seeds or tuple(range(budget.seeds)),
+    )
+
+
+def _parser(benchmark: Registry) -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    commands = parser.add_subparsers(dest="command", required=True)
+    run = commands.add_parser("run", help="compute what is missing, then print the tables")
+    status = commands.add_parser("status", help="say which runs are done, older, failed or missing")
+    tables = commands.add_parser("tables", help="print and write the tables of everything stored")
+    tables.set_defaults(domain=None, agent=None, reference=None, seeds=None)
+    for command in (run, status, tables):
+        _add_store(command, benchmark)
+    for command in (run, status):
+        _add_selection(command, benchmark)
+    run.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="where to train (default: cpu)")
+    run.add_argument("--jobs", type=_positive, default=_cores(), help="cells side by side (default: cores)")
+    return parser
+
+
+def _add_store(command: argparse.ArgumentParser, benchmark: Registry) -> None:
+    for kind in ("budget", "preset"):
+        default, known = getattr(benchmark.defaults, kind), ", ".join(getattr(benchmark, kind + "s"))
+        command.add_argument(f"--{kind}", default=default, help=f"{known} (default: {default})")
+    command.add_argument(
+        "--results",
+        type=pathlib.Path,
+        default=pathlib.Path("results/local"),
+        help="folder of the store (default: results/local; published results are in results/published)",
+    )
+
+
+def _add_selection(command: argparse.ArgumentParser, benchmark: Registry) -> None:
+    for kind in ("domain", "agent", "reference"):
+        known = ", ".join(getattr(benchmark, kind + "s"))
+        command.add_argument(f"--{kind}", nargs="+", metavar=kind.upper(), help=f"only these of {known}")
+    command.add_argument("--seeds", type=parse_seeds, help="such as 0-9 or 0,2,5-7 (default: the budget's)")
+
+
+def parse_seeds(text: str) -> tuple[int, ...]:
+    """Read a list of seeds and ranges such as ``0,2,5-7``."""
+    seeds: set[int] = set()
+    for part in text.split(","):
+        first, dash, last = part.partition("-")
+        if not first.isdecimal() or (dash and not last.isdecimal()) or (dash and int(last) < int(first)):
+            raise argparse.ArgumentTypeError(f"{part!r} is no seed or rising range; write 0-9 or 0,2,5-7")
+        seeds.update(range(int(first), int(last or first) + 1))
+    return tuple(sorted(seeds))
+
+
+def _cores() -> int:
+    """Return how many cores this process may use (macOS cannot tell, and has them all)."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _positive(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a positive number")
+    return int(text)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,246 @@
+"""Units of work: a cell's missing seeds as one stack, or one reference row; and how a worker does them."""
+
+from __future__ import annotations
+
+import datetime
+import pathlib
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol
+
+from bgn.results import provenance, schema
+from bgn.results.provenance import Origin
+from bgn.results.store import Kind, Store, write_atomically
+from bgn.training.cell import CellSpec, Progress, RunResult
+
+ProgressListener = Callable[[Progress], None]
+
+
+class TrainCell(Protocol):
+    """Trains the seeds of a cell as one stack; :func:`bgn.training.trainer.train_cell`."""
+
+    def __call__(
+        self,
+        spec: CellSpec,
+        seeds: Sequence[int],
+        *,
+        device: str = ...,
+        checkpoint: pathlib.Path | None = ...,
+        on_progress: ProgressListener | None = ...,
+    ) -> list[RunResult]:
+        """Return one result a seed."""
+
+
+def train_cell(spec: CellSpec, seeds: Sequence[int], **options: Any) -> list[RunResult]:
+    """Call the trainer, importing torch only now, in the worker."""
+    from bgn.training.trainer import train_cell as train
+
+    return train(spec, seeds, **options)
+
+
+def save_policy(path: pathlib.Path, spec: CellSpec, tensors: Mapping[str, Any]) -> None:
+    """Write a trained policy that needs only the history to act."""
+    from bgn.agents.policy import save_policy as save
+
+    save(
+        path,
+        tensors,
+        domain=spec.domain,
+        agent=spec.agent,
+        hyperparameters=spec.hyperparameters,
+        variant=spec.variant,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReferenceSpec:
+    """Everything that determines the row of a policy that is not trained."""
+
+    domain: str
+    reference: str
+    convention: str
+    """How an episode opens: ``clean`` or ``hidden-first-action``."""
+    episodes: int
+    planning_seconds: float
+    seed: int
+
+
+def evaluate_reference(spec: ReferenceSpec) -> Mapping[str, float]:
+    """Evaluate a policy that is not trained, importing the planner only now, in the worker."""
+    from bgn.planning.reference_rows import evaluate_reference as evaluate
+
+    from bgn import domains
+
+    return evaluate(
+        spec.reference,
+        domains.get(spec.domain),
+        episodes=spec.episodes,
+        seed=spec.seed,
+        convention=spec.convention,
+        timeout=spec.planning_seconds,
+    )
+
+
+@dataclass(frozen=True)
+class Tools:
+    """What workers call to get the work done; picklable by reference."""
+
+    train_cell: TrainCell = train_cell
+    save_policy: Callable[[pathlib.Path, CellSpec, Mapping[str, Any]], None] = save_policy
+    evaluate_reference: Callable[[ReferenceSpec], Mapping[str, float]] = evaluate_reference
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Task:
+    origin: Origin
+    budget: str
+    preset: str
+    store: pathlib.Path
+    cost: float
+    """Estimated work, in environment steps of the cheapest kind."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CellTask(_Task):
+    """Train the missing seeds of a cell together."""
+
+    kind: ClassVar[Kind] = "runs"
+    identity: ClassVar[schema.Columns] = schema.RUN_IDENTITY
+
+    spec: CellSpec
+    seeds: tuple[int, ...]
+    device: str
+
+    @property
+    def name(self) -> str:
+        """The cell's id, e.g. ``hallway/ah-ch+bgn``."""
+        return f"{self.spec.domain}/{self.spec.agent}"
+
+    @property
+    def runs(self) -> tuple[str, ...]:
+        """The run ids it yields."""
+        return tuple(f"{self.name}/seed-{seed}" for seed in self.seeds)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReferenceTask(_Task):
+    """Evaluate one reference policy on one domain under one convention."""
+
+    kind: ClassVar[Kind] = "references"
+    identity: ClassVar[schema.Columns] = schema.REFERENCE_IDENTITY
+
+    spec: ReferenceSpec
+
+    @property
+    def name(self) -> str:
+        """The row's id, e.g. ``hallway/sarsop/clean``."""
+        return f"{self.spec.domain}/{self.spec.reference}/{self.spec.convention}"
+
+    @property
+    def runs(self) -> tuple[str, ...]:
+        """The one id it yields."""
+        return (self.name,)
+
+
+Task = CellTask | ReferenceTask
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why a task yielded nothing."""
+
+    error: str
+    traceback: str
+    started_at: datetime.datetime
+
+
+def execute(task: Task, tools: Tools, on_progress: ProgressListener) -> Failure | None:
+    """Do a task and store what it yields; a failure is stored, and returned, not raised."""
+    started_at = now()
+    try:
+        if isinstance(task, CellTask):
+            _train(task, tools, started_at, on_progress)
+        else:
+            _evaluate(task, tools, started_at)
+    except Exception as error:
+        failure = Failure(f"{type(error).__name__}: {error}", traceback.format_exc(), started_at)
+        record_failure(task, failure)
+        return failure
+    return None
+
+
+def record_failure(task: Task, failure: Failure) -> None:
+    """Store one failed row for every run the task was to yield."""
+    store = Store(task.store)
+    outcome = {"status": "failed", "error": failure.error, "traceback": failure.traceback}
+    for values in _rows(task, outcome, failure.started_at):
+        if isinstance(task, CellTask):
+            store.write_failure("runs", values["run"], schema.row(schema.RUN_IDENTITY, values, {}))
+        else:
+            store.write_failure(
+                "references", values["run"], schema.row(schema.REFERENCE_IDENTITY, values, {})
+            )
+
+
+def _train(task: CellTask, tools: Tools, started_at: datetime.datetime, listener: ProgressListener) -> None:
+    store = Store(task.store)
+    checkpoint = store.checkpoint(task.name, f"{task.origin.key}-{'-'.join(map(str, task.seeds))}")
+    checkpoint.parent.mkdir(parents=True, exist_ok=True)
+    results = tools.train_cell(
+        task.spec, task.seeds, device=task.device, checkpoint=checkpoint, on_progress=listener
+    )
+    if tuple(result.seed for result in results) != task.seeds:
+        raise ValueError(f"asked for seeds {task.seeds}, got {[result.seed for result in results]}")
+    rows = _rows(task, {"status": "ok", "error": None, "traceback": None}, started_at)
+    for result, values in zip(results, rows, strict=True):
+        _store_run(store, task, tools, result, values)
+    store.discard_checkpoints(task.name)
+
+
+def _store_run(store: Store, task: CellTask, tools: Tools, result: RunResult, values: dict[str, Any]) -> None:
+    run = values["run"]
+    schema.check_metrics(run, result.metrics, schema.RUN_METRICS)
+    write_atomically(store.policy(run), lambda path: tools.save_policy(path, task.spec, result.policy))
+    store.write("curves", run, schema.curve_table(run, task.origin.key, result.curve))
+    store.write(task.kind, run, schema.row(task.identity, values, result.metrics))
+
+
+def _evaluate(task: ReferenceTask, tools: Tools, started_at: datetime.datetime) -> None:
+    metrics = tools.evaluate_reference(task.spec)
+    schema.check_metrics(task.name, metrics, schema.REFERENCE_METRICS)
+    (values,) = _rows(task, {"status": "ok", "error": None, "traceback": None}, started_at)
+    Store(task.store).write(task.kind, task.name, schema.row(task.identity, values, metrics))
+
+
+def _rows(
+    task: Task, outcome: Mapping[str, str | None], started_at: datetime.datetime
+) -> list[dict[str, Any]]:
+    """Return the columns of each run of a task but for its metrics."""
+    common: dict[str, Any] = {
+        **outcome,
+        **provenance.environment(),
+        "budget": task.budget,
+        "preset": task.preset,
+        "key": task.origin.key,
+        "spec_hash": task.origin.spec,
+        "code_hash": task.origin.code,
+        "data_hash": task.origin.data,
+        "spec": provenance.spec_json(task.spec),
+        "threads": 1,
+        "started_at": started_at,
+        "finished_at": now(),
+    }
+    if isinstance(task, ReferenceTask):
+        spec = task.spec
+        identity = {"domain": spec.domain, "reference": spec.reference, "convention": spec.convention}
+        own = {"run": task.name, "seed": spec.seed, "stack_seeds": [spec.seed], "device": "cpu"}
+        return [{**common, **identity, **own}]
+    cell = {"domain": task.spec.domain, "agent": task.spec.agent, "device": task.device}
+    stack = {**common, **cell, "stack_seeds": list(task.seeds)}
+    return [{**stack, "run": run, "seed": seed} for run, seed in zip(task.runs, task.seeds, strict=True)]
+
+
+def now() -> datetime.datetime:
+    """Return the time in UTC."""
+    return datetime.datetime.now(datetime.UTC)

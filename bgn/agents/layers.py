@@ -1,0 +1,252 @@
+"""Seed-stacked layers with hand-written backward passes.
+
+A rollout keeps every activation in a buffer (S, T+1, L, width): S seeds, T steps and one bootstrap slot,
+L lanes. Acting fills one slot at a time; what need not be known to act is computed for all slots at once, as
+one large product. The forward pass of acting *is* the forward pass of training: nothing is computed twice.
+"""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from bgn.agents.parameters import Initialiser, Parameters, normal, orthogonal, zeros
+
+#: Width of every hidden layer (paper, Tables 3 and 4).
+HIDDEN = 256
+#: Width of an embedding (paper, Table 3).
+EMBEDDING = 128
+
+
+def one_hot(indices: Tensor, n: int) -> Tensor:
+    """Mark ``indices`` (…) in float32 (…, n), without looking at their values as torch's own does."""
+    return (indices[..., None] == torch.arange(n, device=indices.device)).float()
+
+
+class Dense:
+    """y = x W + b, optionally through tanh; W (in, out)."""
+
+    def __init__(
+        self,
+        parameters: Parameters,
+        name: str,
+        n_in: int,
+        n_out: int,
+        *,
+        tanh: bool = False,
+        weight: Initialiser | None = None,
+        bias: Initialiser = zeros,
+    ) -> None:
+        self.parameters, self.name, self.tanh = parameters, name, tanh
+        self.n_in, self.n_out = n_in, n_out
+        parameters.declare(f"{name}.weight", (n_in, n_out), weight or orthogonal(math.sqrt(2)))
+        parameters.declare(f"{name}.bias", (n_out,), bias)
+
+    def forward(self, x: Tensor, out: Tensor | None = None) -> Tensor:
+        """Map (S, N, in) to (S, N, out); with ``out``, that is where the result of the tanh goes."""
+        W, b = self.parameters[f"{self.name}.weight"], self.parameters[f"{self.name}.bias"]
+        y = torch.baddbmm(b[:, None], x, W)
+        if not self.tanh:
+            return y
+        return y.tanh_() if out is None else torch.tanh(y, out=out)
+
+    def backward(self, x: Tensor, y: Tensor, dy: Tensor, *, want_dx: bool = True) -> Tensor | None:
+        """Write the parameters' gradients; return the input's."""
+        if self.tanh:
+            dy = torch.ops.aten.tanh_backward(dy, y)
+        torch.bmm(x.transpose(1, 2), dy, out=self.parameters.gradient(f"{self.name}.weight"))
+        torch.sum(dy, 1, out=self.parameters.gradient(f"{self.name}.bias"))
+        if not want_dx:
+            return None
+        return torch.bmm(dy, self.parameters[f"{self.name}.weight"].transpose(1, 2))
+
+
+class Lookup:
+    """Vectors for indices, times a weight: a table of products, made once per update.
+
+    Embed(index) · W has only as many distinct rows as there are indices. The vectors are learned (classic
+    domains) or given features (robot domains).
+    """
+
+    def __init__(self, parameters: Parameters, name: str, n: int, features: Tensor | None) -> None:
+        self.parameters, self.name, self.n, self.features = parameters, name, n, features
+        if features is None:
+            parameters.declare(name, (n, EMBEDDING), normal)
+        self.width = EMBEDDING if features is None else features.shape[1]
+
+    def vectors(self) -> Tensor:
+        """(S or 1, n, width)."""
+        return self.parameters[self.name] if self.features is None else self.features[None]
+
+    def products(self, weight: Tensor) -> Tensor:
+        """Return vectors · ``weight`` (S, width, m) as (S, n, m)."""
+        return torch.matmul(self.vectors(), weight)
+
+    def backward(self, weight: Tensor, d_products: Tensor, d_weight: Tensor) -> None:
+        """Write the gradients of the vectors and of ``weight`` into ``d_weight``."""
+        vectors = self.vectors().expand(len(weight), -1, -1)
+        torch.bmm(vectors.transpose(1, 2), d_products, out=d_weight)
+        if self.features is None:
+            torch.bmm(d_products, weight.transpose(1, 2), out=self.parameters.gradient(self.name))
+
+
+class Recurrence:
+    """A GRU over (observation, last action) pairs, with truncated back-propagation through one rollout.
+
+    Gates are the usual r, z, n (Cho et al. 2014). The input weights hold them in the order (n, r, z), the
+    recurrent ones as (r, z, n): then the gradients of both are slices of one buffer (dn_i, dr, dz, dn_h).
+    """
+
+    def __init__(self, parameters: Parameters, name: str, observations: Lookup, actions: Lookup) -> None:
+        self.parameters, self.name = parameters, name
+        self.observations, self.actions = observations, actions
+        width = observations.width + actions.width
+        parameters.declare(f"{name}.input.weight", (width, 3 * HIDDEN), orthogonal(1.0))
+        parameters.declare(f"{name}.input.bias", (3 * HIDDEN,), zeros)
+        parameters.declare(f"{name}.recurrent.weight", (HIDDEN, 3 * HIDDEN), orthogonal(1.0))
+        parameters.declare(f"{name}.recurrent.bias", (3 * HIDDEN,), zeros)
+
+    def allocate(self, slots: int, lanes: int) -> None:
+        """Create the activation buffers and the carried hidden state (zero)."""
+        seeds, device = len(self.parameters.seeds), self.parameters.device
+
+        def buffer(width: int) -> Tensor:
+            return torch.zeros(seeds, slots, lanes, width, device=device)
+
+        self.entering, self.features = buffer(HIDDEN), buffer(HIDDEN)
+        self.recalled, self.rz, self.n = buffer(HIDDEN), buffer(2 * HIDDEN), buffer(HIDDEN)
+        self.d_gates = buffer(4 * HIDDEN)
+        written = (self.entering, self.features, self.recalled, self.rz, self.n)
+        self._slots = list(zip(*(b.unbind(1) for b in written), strict=True))
+        self.hidden = torch.zeros(seeds, lanes, HIDDEN, device=device)
+
+    def prepare(self) -> None:
+        """Make this update's look-up tables, (S, Ω, 3H) and (S, A + 1, 3H)."""
+        W, split = self.parameters[f"{self.name}.input.weight"], self.observations.width
+        bias = self.parameters[f"{self.name}.input.bias"]
+        self._first_row = torch.arange(len(W), device=W.device)[:, None]
+        self._observation_rows = self.observations.products(W[:, :split]).add_(bias[:, None]).flatten(0, 1)
+        self._action_rows = self.actions.products(W[:, split:]).flatten(0, 1)
+
+    def _gates_of_input(self, observation: Tensor, last_action: Tensor) -> Tensor:
+        """(S, N) indices to (S, N, 3H) pre-activations."""
+        seen = (self._first_row * self.observations.n + observation).flatten()
+        done = (self._first_row * self.actions.n + last_action).flatten()
+        gates = self._observation_rows.index_select(0, seen).add_(self._action_rows.index_select(0, done))
+        return gates.view(*observation.shape, -1)
+
+    def step(self, t: int, observation: Tensor, last_action: Tensor, fresh: Tensor) -> Tensor:
+        """Fill slot ``t`` from (S, L) indices, memory being empty where ``fresh``; returns (S, L, H)."""
+        before = self.hidden if t == 0 else self._slots[t - 1][1]
+        entering, features, *kept = self._slots[t]
+        h = before * ~fresh[:, :, None]
+        recalled, rz, n = self._gates(h, observation, last_action)
+        for slot, value in zip((entering, *kept), (h, recalled, rz, n), strict=True):
+            slot.copy_(value)
+        return torch.lerp(n, h, rz[..., HIDDEN:], out=features)
+
+    def carry(self, steps: int) -> None:
+        """Keep the memory after ``steps`` steps for the next rollout."""
+        self.hidden.copy_(self.features[:, steps - 1])
+
+    def infer(self, hidden: Tensor, observation: Tensor, last_action: Tensor, fresh: Tensor) -> Tensor:
+        """Advance any (S, N, H) memory by one step, keeping nothing for training."""
+        h = hidden * ~fresh[:, :, None]
+        _, rz, n = self._gates(h, observation, last_action)
+        return torch.lerp(n, h, rz[..., HIDDEN:])
+
+    def _gates(self, h: Tensor, observation: Tensor, last_action: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Return W_hn h + b_hn (S, N, H), the gates r and z side by side (S, N, 2H), and n (S, N, H)."""
+        W = self.parameters[f"{self.name}.recurrent.weight"]
+        b = self.parameters[f"{self.name}.recurrent.bias"][:, None]
+        given = self._gates_of_input(observation, last_action)
+        product = torch.baddbmm(b, h, W)
+        recalled = product[..., 2 * HIDDEN :]
+        rz = given[..., HIDDEN:].add_(product[..., : 2 * HIDDEN]).sigmoid_()
+        n = given[..., :HIDDEN].addcmul_(rz[..., :HIDDEN], recalled).tanh_()
+        return recalled, rz, n
+
+    def backward(self, d_features: Tensor, steps: int, one_hot: Tensor, fresh: Tensor) -> None:
+        """Back-propagate (S, T, L, H) through the T steps of the rollout and write all gradients.
+
+        ``one_hot`` (S, T*L, Ω + A + 1) marks each input's observation and last action; ``fresh`` (S, T, L).
+        """
+        W = self.parameters[f"{self.name}.recurrent.weight"].transpose(1, 2)
+        h, n = self.entering[:, :steps], self.n[:, :steps]
+        r, z = self.rz[:, :steps, :, :HIDDEN], self.rz[:, :steps, :, HIDDEN:]
+        per_z = torch.ops.aten.sigmoid_backward(h - n, z)
+        per_n = torch.ops.aten.tanh_backward(1 - z, n)
+        per_r = torch.ops.aten.sigmoid_backward(self.recalled[:, :steps], r)
+        through = z * ~fresh[..., None]
+        D = self.d_gates
+        d_hidden: Tensor | None = None
+        for t in reversed(range(steps)):
+            dh = d_features[:, t] if d_hidden is None else d_hidden.add_(d_features[:, t])
+            dn = torch.mul(dh, per_n[:, t], out=D[:, t, :, :HIDDEN])
+            torch.mul(dn, per_r[:, t], out=D[:, t, :, HIDDEN : 2 * HIDDEN])
+            torch.mul(dh, per_z[:, t], out=D[:, t, :, 2 * HIDDEN : 3 * HIDDEN])
+            torch.mul(dn, r[:, t], out=D[:, t, :, 3 * HIDDEN :])
+            if t > 0:
+                d_hidden = torch.bmm(D[:, t, :, HIDDEN:], W).mul_(~fresh[:, t, :, None])
+                d_hidden.addcmul_(dh, through[:, t])
+        gates = D[:, :steps].flatten(1, 2)  # (S, T*L, 4H)
+        self._write_gradients(gates, h.flatten(1, 2), one_hot)
+
+    def _write_gradients(self, gates: Tensor, h: Tensor, one_hot: Tensor) -> None:
+        p, name = self.parameters, self.name
+        torch.bmm(h.transpose(1, 2), gates[..., HIDDEN:], out=p.gradient(f"{name}.recurrent.weight"))
+        sums = gates.sum(1)
+        p.gradient(f"{name}.recurrent.bias").copy_(sums[:, HIDDEN:])
+        p.gradient(f"{name}.input.bias").copy_(sums[:, : 3 * HIDDEN])
+        d_rows = torch.bmm(one_hot.transpose(1, 2), gates[..., : 3 * HIDDEN])  # (S, Ω + A + 1, 3H)
+        W, dW = p[f"{name}.input.weight"], p.gradient(f"{name}.input.weight")
+        n, split = self.observations.n, self.observations.width
+        self.observations.backward(W[:, :split], d_rows[:, :n], dW[:, :split])
+        self.actions.backward(W[:, split:], d_rows[:, n:], dW[:, split:])
+
+
+class Body:
+    """The FC(256) + tanh layers between an input and its heads."""
+
+    def __init__(self, parameters: Parameters, name: str, n_in: int, layers: int) -> None:
+        widths = [n_in] + [HIDDEN] * layers
+        self.layers = [
+            Dense(parameters, f"{name}.{i}", widths[i], widths[i + 1], tanh=True) for i in range(layers)
+        ]
+
+    def allocate(self, parameters: Parameters, slots: int, lanes: int) -> None:
+        """Create the activation buffers."""
+        shape = (len(parameters.seeds), slots, lanes, HIDDEN)
+        self.outputs = [torch.zeros(shape, device=parameters.device) for _ in self.layers]
+        self._slots = [output.unbind(1) for output in self.outputs]
+
+    def step(self, t: int, x: Tensor) -> Tensor:
+        """Fill slot ``t`` from x (S, L, in); returns the features (S, L, H)."""
+        for layer, slots in zip(self.layers, self._slots, strict=True):
+            x = layer.forward(x, out=slots[t])
+        return x
+
+    def all_slots(self, x: Tensor) -> Tensor:
+        """Fill all slots from x (S, T+1, L, in) in one product a layer; returns (S, T+1, L, H)."""
+        flat = x.flatten(1, 2)
+        for layer, output in zip(self.layers, self.outputs, strict=True):
+            flat = layer.forward(flat, out=output.flatten(1, 2))
+        return self.outputs[-1]
+
+    def infer(self, x: Tensor) -> Tensor:
+        """Map (S, N, in) to features (S, N, H), keeping nothing."""
+        for layer in self.layers:
+            x = layer.forward(x)
+        return x
+
+    def backward(self, x: Tensor, d_features: Tensor, steps: int, *, want_dx: bool) -> Tensor | None:
+        """Back-propagate (S, T*L, H); ``x`` is the input buffer (S, T+1, L, in)."""
+        d: Tensor | None = d_features
+        for i in reversed(range(len(self.layers))):
+            below = x if i == 0 else self.outputs[i - 1]
+            inputs, outputs = (b[:, :steps].flatten(1, 2) for b in (below, self.outputs[i]))
+            assert d is not None
+            d = self.layers[i].backward(inputs, outputs, d, want_dx=want_dx or i > 0)
+        return d

@@ -1,0 +1,135 @@
+"""All parameters of a stack of runs in one flat buffer, with named views into it.
+
+Seeds are stacked on a leading axis, so that one batched product serves all of them. The buffer goes
+parameter by parameter, so that every view (S, *shape) is contiguous and products need no copies.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+
+import torch
+from torch import Tensor
+
+#: Views start on cache lines, so that a seed's arithmetic does not depend on its place in the stack.
+ALIGNMENT = 16
+
+Initialiser = Callable[[tuple[int, ...], torch.Generator], Tensor]
+
+
+def orthogonal(gain: float) -> Initialiser:
+    """Orthogonal initialisation of an (in, out) weight, as a transposed (out, in) matrix."""
+
+    def initialise(shape: tuple[int, ...], generator: torch.Generator) -> Tensor:
+        transposed = torch.empty(shape[1], shape[0])
+        torch.nn.init.orthogonal_(transposed, gain, generator=generator)
+        return transposed.T.contiguous()
+
+    return initialise
+
+
+def normal(shape: tuple[int, ...], generator: torch.Generator) -> Tensor:
+    """N(0, 1), as embeddings start."""
+    return torch.randn(shape, generator=generator)
+
+
+def zeros(shape: tuple[int, ...], generator: torch.Generator) -> Tensor:
+    """Zeros, as biases start."""
+    return torch.zeros(shape)
+
+
+def uniform_fan_in(fan_in: int) -> Initialiser:
+    """U(±1/√fan_in): torch's default for linear layers, kept by the belief heads."""
+
+    def initialise(shape: tuple[int, ...], generator: torch.Generator) -> Tensor:
+        return torch.empty(shape).uniform_(-1, 1, generator=generator) / math.sqrt(fan_in)
+
+    return initialise
+
+
+class Parameters:
+    """Named parameters of S seeds with their gradients and RMSProp's running mean squares.
+
+    Declare all names with :meth:`declare`, then :meth:`allocate`; after that ``[name]`` is a view
+    (S, *shape) of the values and ``gradient(name)`` of the gradients.
+    """
+
+    def __init__(self, seeds: tuple[int, ...], device: torch.device) -> None:
+        self.seeds = seeds
+        self.device = device
+        self._shapes: dict[str, tuple[int, ...]] = {}
+        self._initialisers: dict[str, Initialiser] = {}
+        self._views: dict[str, Tensor] = {}
+        self._gradients: dict[str, Tensor] = {}
+
+    def declare(self, name: str, shape: tuple[int, ...], initialise: Initialiser) -> None:
+        """Add a parameter; ``shape`` is without the seed axis."""
+        if name in self._shapes:
+            raise ValueError(f"parameter {name!r} is declared twice")
+        self._shapes[name] = shape
+        self._initialisers[name] = initialise
+
+    def allocate(self) -> None:
+        """Create the buffers, all zero."""
+        n = len(self.seeds)
+        self.values = torch.zeros(n * sum(map(_padded, self._shapes.values())), device=self.device)
+        self.gradients = torch.zeros_like(self.values)
+        self.mean_squares = torch.zeros_like(self.values)
+        self._views = _views(self.values, n, self._shapes)
+        self._gradients = _views(self.gradients, n, self._shapes)
+
+    def initialise(self) -> None:
+        """Initialise the values; each seed draws from a generator of its own."""
+        for row, seed in enumerate(self.seeds):
+            generator = torch.Generator().manual_seed(seed)
+            for name, shape in self._shapes.items():
+                self._views[name][row] = self._initialisers[name](shape, generator).to(self.device)
+
+    def __getitem__(self, name: str) -> Tensor:
+        return self._views[name]
+
+    def gradient(self, name: str) -> Tensor:
+        """Return the (S, *shape) view of a parameter's gradient."""
+        return self._gradients[name]
+
+    def of_seed(self, row: int, prefix: str = "") -> Mapping[str, Tensor]:
+        """Copy one seed's parameters to the host, without the seed axis."""
+        return {n: v[row].detach().cpu().clone() for n, v in self._views.items() if n.startswith(prefix)}
+
+    def load(self, row: int, tensors: Mapping[str, Tensor]) -> None:
+        """Overwrite one seed's parameters; ``tensors`` must name some of them with their exact shapes."""
+        for name, tensor in tensors.items():
+            if name not in self._shapes or tuple(tensor.shape) != self._shapes[name]:
+                expected = self._shapes.get(name, "no such parameter")
+                raise ValueError(f"parameter {name!r} of shape {tuple(tensor.shape)}: expected {expected}")
+            self._views[name][row] = tensor
+
+    def by_seed(self, buffer: Tensor) -> list[list[Tensor]]:
+        """View a buffer of this layout as one list of parameter-sized vectors a seed."""
+        views = _views(buffer, len(self.seeds), self._shapes).values()
+        return [[view[row].flatten() for view in views] for row in range(len(self.seeds))]
+
+    def norms(self, buffer: Tensor) -> Tensor:
+        """L2 norm of each seed's part of a buffer of this layout: (S,)."""
+        views = _views(buffer, len(self.seeds), self._shapes).values()
+        parts = [torch.linalg.vector_norm(view.flatten(1), dim=1) for view in views]
+        norms: Tensor = torch.linalg.vector_norm(torch.stack(parts), dim=0)
+        return norms
+
+    @property
+    def shapes(self) -> Mapping[str, tuple[int, ...]]:
+        """Shapes by name, without the seed axis."""
+        return self._shapes
+
+
+def _padded(shape: tuple[int, ...]) -> int:
+    return -(-math.prod(shape) // ALIGNMENT) * ALIGNMENT
+
+
+def _views(buffer: Tensor, seeds: int, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Tensor]:
+    views, offset = {}, 0
+    for name, shape in shapes.items():
+        views[name] = buffer[offset : offset + seeds * math.prod(shape)].view(seeds, *shape)
+        offset += seeds * _padded(shape)
+    return views

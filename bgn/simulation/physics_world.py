@@ -1,0 +1,214 @@
+"""Episodes of the force-feedback domains in MuJoCo physics: final evaluation, and the test of the tables.
+
+A policy is trained on tables that were compiled from this physics; here it acts on the physics itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, TypedDict
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bgn import domains
+from bgn.domains.domain import Domain
+from bgn.pomdp.belief import update_hidden
+from bgn.simulation._tasks import Step, draw_start, make_task
+
+Floats = NDArray[np.float64]
+
+
+class Policy(Protocol):
+    """Anything that acts on the history alone."""
+
+    def reset(self, generator: np.random.Generator | None = None) -> None:
+        """Forget the history: a new episode begins, in which a policy that samples uses ``generator``."""
+        ...
+
+    def act(self, observation: int, last_action: int | None) -> int:
+        """Return the next action after an observation and the action before it, if there was one."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """Where an episode in physics stands."""
+
+    observation: int
+    x: int
+    y: int
+    belief: Floats
+    """(Y,) the domain's belief over the hidden part."""
+    angle: float
+    """Raw finger angle in radians."""
+    ended: bool
+    truncated: bool
+    success: bool
+    steps: int
+
+
+class Evaluation(TypedDict):
+    """Result of :func:`evaluate_in_physics`; ``success_se`` is the standard error of ``success``."""
+
+    success: float
+    success_se: float
+    length: float
+    episodes: int
+
+
+class Comparison(TypedDict):
+    """Result of :func:`compare_with_table`."""
+
+    steps: int
+    violations: int
+    pairs: int
+
+
+class PhysicsWorld:
+    """One lane of a robot domain in physics, with the domain's belief beside it."""
+
+    def __init__(self, domain: Domain) -> None:
+        self.domain = domain
+        self.task = make_task(domain)
+        self.scene = self.task.scene
+        rows = domain.model.joint.observations[0].indices  # one observation per joint state
+        self._seen = rows[:: domain.model.n_hidden]  # (X,)
+        self._y = -1
+        self._now: Moment | None = None
+
+    @property
+    def now(self) -> Moment:
+        """The current moment; an error before the first ``reset``."""
+        if self._now is None:
+            raise RuntimeError("reset() must be called before the first step")
+        return self._now
+
+    def reset(self, rng: np.random.Generator) -> Moment:
+        """Begin an episode drawn from the domain's start distribution."""
+        return self.reset_to(*draw_start(self.domain, rng))
+
+    def reset_to(self, x: int, y: int) -> Moment:
+        """Begin an episode at a chosen start (x, y)."""
+        self._y = y
+        step = self.task.reset(x, y)
+        self._now = self._moment(step, start_belief(self.domain, step.x), steps=0)
+        return self._now
+
+    def step(self, action: int) -> Moment:
+        """Take one action.
+
+        Raises
+        ------
+        RuntimeError
+            The episode is over, or has not begun.
+        ValueError
+            There is no such action.
+        """
+        now, n_actions = self.now, self.domain.model.joint.n_actions
+        if now.ended or now.truncated:
+            raise RuntimeError("the episode is over: reset() begins the next one")
+        if not 0 <= action < n_actions:
+            raise ValueError(f"action {action} is not in 0..{n_actions - 1}")
+        step = self.task.act(action)
+        belief = now.belief if step.ended else next_belief(self.domain, now.belief, now.x, action, step.x)
+        self._now = self._moment(step, belief, steps=now.steps + 1)
+        return self._now
+
+    def _moment(self, step: Step, belief: Floats, steps: int) -> Moment:
+        return Moment(
+            observation=int(self._seen[step.x]),
+            x=step.x,
+            y=self._y,
+            belief=belief,
+            angle=self.scene.outcome.angle,
+            ended=step.ended,
+            truncated=not step.ended and steps >= self.domain.episode_limit,
+            success=step.success,
+            steps=steps,
+        )
+
+
+def start_belief(domain: Domain, x: int) -> Floats:
+    """Return the belief b_Y at a start x: the variant's prior, or else Bayes on the start distribution."""
+    if domain.prior is not None:
+        return np.array(domain.prior[x])
+    joint = domain.model.joint.start.reshape(-1, domain.model.n_hidden)[x]
+    return np.asarray(joint / joint.sum())
+
+
+def next_belief(domain: Domain, belief: Floats, x: int, action: int, x_next: int) -> Floats:
+    """Return b_Y after an action that went on to ``x_next``: exact, or by the variant's elimination."""
+    if domain.elimination is not None:
+        kept = belief * domain.elimination[x_next]
+        return np.asarray(kept / kept.sum())
+    model = domain.model
+    observation = int(model.joint.observations[action].indices[x_next * model.n_hidden])
+    return update_hidden(model, belief, action, observation, x=x, x_next=x_next, ended=False)
+
+
+def evaluate_in_physics(
+    domain_id: str, policy: Policy, episodes: int, seed: int, **variant: str | int | float | bool
+) -> Evaluation:
+    """Run a policy in physics and return its success rate, standard error, mean length and episode count.
+
+    Raises
+    ------
+    ValueError
+        ``episodes`` is below 1, the domain has no physics, or no such variant.
+    """
+    if episodes < 1:
+        raise ValueError(f"an evaluation needs episodes >= 1, not {episodes}")
+    world = PhysicsWorld(domains.get(domain_id, **variant))
+    rng = np.random.default_rng(seed)
+    finals = [run_episode(world, policy, rng) for _ in range(episodes)]
+    success = float(np.mean([final.success for final in finals]))
+    return Evaluation(
+        success=success,
+        success_se=float(np.sqrt(success * (1 - success) / episodes)),
+        length=float(np.mean([final.steps for final in finals])),
+        episodes=episodes,
+    )
+
+
+def run_episode(world: PhysicsWorld, policy: Policy, rng: np.random.Generator) -> Moment:
+    """Run one episode from a drawn start and return its last moment."""
+    moment = world.reset(rng)
+    policy.reset(rng)
+    action: int | None = None
+    while not (moment.ended or moment.truncated):
+        action = policy.act(moment.observation, action)
+        moment = world.step(action)
+    return moment
+
+
+def compare_with_table(
+    domain_id: str, steps: int, seed: int, **variant: str | int | float | bool
+) -> Comparison:
+    """Replay random physics steps against the table; violations count steps of another x', end or reward.
+
+    ``pairs`` is how many different (x, y, action) were visited.
+    """
+    domain = domains.get(domain_id, **variant)
+    world, rng = PhysicsWorld(domain), np.random.default_rng(seed)
+    model, Y = domain.model, domain.model.n_hidden
+    moment, violations, visited = world.reset(rng), 0, set()
+    for _ in range(steps):
+        if moment.ended or moment.truncated:
+            moment = world.reset(rng)
+        s, action = moment.x * Y + moment.y, _random_action(model.joint.n_actions, rng)
+        visited.add((s, action))
+        moment = world.step(action)
+        ends = bool(model.joint.reset[action, s])
+        x_next = int(model.joint.transitions[action].indices[s]) // Y
+        reward = model.joint.expected_rewards[action, s]
+        same = moment.ended == ends and moment.success == (reward == 1) and (ends or moment.x == x_next)
+        violations += not same
+    return Comparison(steps=steps, violations=violations, pairs=len(visited))
+
+
+def _random_action(n_actions: int, rng: np.random.Generator) -> int:
+    """Draw an action, the last one (a grasp, or the stiff move) rarely, so that episodes go deep."""
+    weights = np.ones(n_actions)
+    weights[-1] = 0.2
+    return int(rng.choice(n_actions, p=weights / weights.sum()))

@@ -1,0 +1,73 @@
+"""Feeds a learner its random numbers and schedules; on a GPU, replays its update as one CUDA graph."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from bgn.training.learner import VARIATES, Learner
+from bgn.training.random_streams import Purpose, RandomStreams
+
+#: Updates whose random numbers are drawn at once.
+BLOCK = 64
+#: Updates run before a graph is captured, so that every library has set itself up.
+WARM_UP = 3
+
+
+class Executor:
+    """Runs the updates of one learner, in order or from where a checkpoint left off."""
+
+    def __init__(self, learner: Learner, total_updates: int) -> None:
+        self.learner = learner
+        device = learner.world.device
+        self._streams = RandomStreams(learner.seeds, Purpose.TRAINING, device)
+        self._block_index = -1
+        self._weights = entropy_weights(learner, total_updates).to(device)
+        settings = learner.settings
+        self._variates = torch.zeros(settings.rollout, learner.world.lanes, VARIATES, device=device)
+        self._weight = torch.zeros((), device=device)
+        self._graph: torch.cuda.CUDAGraph | None = None
+        if device.type == "cuda":
+            torch.backends.cuda.matmul.allow_tf32 = settings.tf32
+
+    def update(self, index: int) -> None:
+        """Run update ``index`` of the run."""
+        steps = self.learner.settings.rollout
+        block, place = divmod(index, BLOCK)
+        if block != self._block_index:
+            self._block = self._streams.block(block, BLOCK * steps, self.learner.settings.lanes, VARIATES)
+            self._block_index = block
+        self._variates.copy_(self._block[place * steps : (place + 1) * steps])
+        self._weight.copy_(self._weights[index])
+        if self.learner.world.device.type == "cuda":
+            self._replay()
+        else:
+            self.learner.update(self._variates, self._weight)
+
+    def _replay(self) -> None:
+        if self._graph is None:
+            self._graph = self._capture()
+        self._graph.replay()
+
+    def _capture(self) -> torch.cuda.CUDAGraph:
+        """Capture one update; the learner's state is as before, since warming up is undone."""
+        before = {name: tensor.clone() for name, tensor in self.learner.state().items()}
+        stream = torch.cuda.Stream()  # type: ignore[no-untyped-call]
+        stream.wait_stream(torch.cuda.current_stream())
+        with torch.cuda.stream(stream):
+            for _ in range(WARM_UP):
+                self.learner.update(self._variates, self._weight)
+        torch.cuda.current_stream().wait_stream(stream)
+        graph = torch.cuda.CUDAGraph()
+        with torch.cuda.graph(graph):
+            self.learner.update(self._variates, self._weight)
+        self.learner.load_state(before)
+        return graph
+
+
+def entropy_weights(learner: Learner, total_updates: int) -> Tensor:
+    """β_e of every update: exponential from start to end in the fraction of the run done (Table 2)."""
+    settings = learner.settings
+    fraction = torch.arange(total_updates, dtype=torch.float64) / max(1, total_updates)
+    ratio = settings.entropy_weight_end / settings.entropy_weight_start
+    return (settings.entropy_weight_start * ratio**fraction).float()

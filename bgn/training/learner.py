@@ -1,0 +1,241 @@
+"""One stack of runs in memory: a world, the networks that act in it, and the update that trains them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from bgn.agents.a2c import (
+    RewardScaler,
+    RMSProp,
+    belief_loss,
+    critic_loss,
+    generalized_advantages,
+    policy_loss,
+    sample_actions,
+)
+from bgn.agents.hyperparameters import Hyperparameters
+from bgn.agents.networks import AgentNetworks, Memory
+from bgn.agents.specs import AgentSpec
+from bgn.domains.domain import Domain
+from bgn.simulation.table_world import START_VARIATES, STEP_VARIATES, Inputs, Outcome, TableWorld
+from bgn.training.random_streams import Purpose, RandomStreams
+from bgn.training.recorder import Recorder
+
+#: Uniform variates a lane consumes per training step: its action, its step, and a possible new episode.
+VARIATES = 1 + STEP_VARIATES + START_VARIATES
+
+
+class Learner:
+    """A stack of runs that differ only in their seed.
+
+    :meth:`update` makes T steps in every lane and one gradient step. It never waits for the device, and no
+    shape in it depends on data; all state it carries from one call to the next lives in tensors that keep
+    their place, so that it can be captured as one CUDA graph.
+    """
+
+    def __init__(
+        self,
+        spec: AgentSpec,
+        domain: Domain,
+        settings: Hyperparameters,
+        seeds: tuple[int, ...],
+        device: torch.device,
+    ) -> None:
+        self.spec, self.domain, self.settings, self.seeds = spec, domain, settings, seeds
+        self.networks = AgentNetworks(spec, domain, settings, seeds, device)
+        self.networks.initialise()
+        self.networks.allocate(settings.rollout + 1, settings.lanes)
+        parameters = self.networks.parameters
+        self.optimiser = RMSProp(
+            parameters,
+            rate=settings.learning_rate,
+            decay=settings.rmsprop_decay,
+            epsilon=settings.rmsprop_epsilon,
+        )
+        self.world = TableWorld(
+            domain,
+            len(seeds) * settings.lanes,
+            device=device,
+            hidden_first_action=settings.hidden_first_action,
+            track_beliefs=spec.needs_beliefs,
+        )
+        size = (len(seeds), settings.lanes)
+        self.memory = Memory(
+            self.networks.sight, len(seeds), settings.rollout + 1, settings.lanes, spec.needs_beliefs, device
+        )
+        self.scaler = RewardScaler(*size, device)
+        self.recorder = Recorder(*size, domain.report_discount, device)
+        openings = RandomStreams(seeds, Purpose.OPENING, device)
+        self.world.reset(openings.block(0, 1, settings.lanes, START_VARIATES)[0])
+        #: What the networks see next: the world's inputs, but for the ``stale_reset_info`` variant.
+        self.seen = self.world.inputs
+        shape = (len(seeds), settings.rollout, settings.lanes)
+        self.actions = torch.zeros(shape, dtype=torch.int64, device=device)
+        self.rewards = torch.zeros(shape, device=device)
+        self.ended = torch.zeros(shape, dtype=torch.bool, device=device)
+        self.truncated = torch.zeros_like(self.ended)
+        self.log_policy = torch.zeros(*shape, domain.model.joint.n_actions, device=device)
+        self.arrival_values = torch.zeros(shape, device=device)
+        self.settle()
+
+    def update(self, variates: Tensor, entropy_weight: Tensor) -> None:
+        """Act for T steps with ``variates`` (T, S*L, 7), then take one gradient step.
+
+        ``entropy_weight`` is the scalar β_e of this update.
+        """
+        self._act(variates)
+        values = self._values()
+        self._learn(values, entropy_weight)
+        for recurrence in self.networks.recurrences:
+            recurrence.carry(self.settings.rollout)
+        self.settle()
+
+    def _act(self, variates: Tensor) -> None:
+        networks, memory, T = self.networks, self.memory, self.settings.rollout
+        networks.prepare()
+        openings = self.world.openings(variates[:, :, 1 + STEP_VARIATES :].flatten(0, 1))
+        memory.write(0, self.seen)
+        for t in range(T):
+            actor = networks.actor
+            if actor.recurrence is not None:
+                actor.recurrence.step(
+                    t, memory.observation[:, t], memory.last_action[:, t], memory.fresh[:, t]
+                )
+            log_policy = torch.log_softmax(actor.step(t, memory), -1)
+            self.log_policy[:, t] = log_policy
+            u = variates[t, :, 0].view(self.actions[:, t].shape)
+            self.actions[:, t] = sample_actions(log_policy.exp(), u)
+            before = self.seen
+            outcome = self._step_world(t, variates[t], openings)
+            if self.settings.time_limit == "bootstrap":
+                self.arrival_values[:, t] = self._arrival_value(t, outcome)
+            if self.settings.stale_reset_info:
+                fresh = self.world.inputs.fresh
+                stale = replace(self.world.inputs, state=before.state, belief=before.belief)
+                self.seen = stale.select(fresh, self.world.inputs)
+            memory.write(t + 1, self.seen)
+
+    def _step_world(self, t: int, variates: Tensor, openings: Inputs) -> Outcome:
+        lanes = self.world.lanes
+        following = openings.rows(t * lanes, (t + 1) * lanes)
+        outcome = self.world.step(
+            self.actions[:, t].reshape(-1), variates[:, 1 : 1 + STEP_VARIATES], following
+        )
+        shape = self.rewards[:, t].shape
+        self.rewards[:, t] = outcome.reward.view(shape)
+        self.ended[:, t] = outcome.ended.view(shape)
+        self.truncated[:, t] = outcome.truncated.view(shape)
+        self.seen = self.world.inputs
+        return outcome
+
+    def _arrival_value(self, t: int, outcome: Outcome) -> Tensor:
+        """V of where the step led before any new episode: (S, L)."""
+        critic, arrival = self.networks.critic, outcome.arrival
+        hidden = None
+        if critic.recurrence is not None:
+            if critic.recurrence is not self.networks.actor.recurrence:
+                self._step_critic(t)
+            shape = self.rewards[:, t].shape
+            inputs = (arrival.observation, arrival.last_action, arrival.fresh)
+            hidden = critic.recurrence.infer(
+                critic.recurrence.features[:, t], *(i.view(shape) for i in inputs)
+            )
+        return critic.infer(critic.infer_inputs(arrival, hidden))[..., 0]
+
+    def _step_critic(self, t: int) -> None:
+        recurrence, memory = self.networks.critic.recurrence, self.memory
+        assert recurrence is not None
+        recurrence.step(t, memory.observation[:, t], memory.last_action[:, t], memory.fresh[:, t])
+
+    def _values(self) -> Tensor:
+        """V of all slots: (S, T + 1, L)."""
+        critic, T = self.networks.critic, self.settings.rollout
+        if critic.recurrence is not None:
+            shared = critic.recurrence is self.networks.actor.recurrence
+            for t in range(T if shared else 0, T + 1):
+                self._step_critic(t)
+        return critic.all_slots(self.memory)[..., 0]
+
+    def _learn(self, values: Tensor, entropy_weight: Tensor) -> None:
+        settings = self.settings
+        done = self.ended | self.truncated
+        rewards = self.scaler.scale(self.rewards, done) if settings.reward_scaling else self.rewards
+        advantages = generalized_advantages(
+            rewards,
+            values,
+            self.ended,
+            self.truncated,
+            discount=self.domain.training_discount,
+            trace_decay=settings.trace_decay,
+            arrival_values=self.arrival_values if settings.time_limit == "bootstrap" else None,
+        ).flatten(1)
+        policy, entropy = policy_loss(
+            self.log_policy.flatten(1, 2), self.actions.flatten(1), advantages, entropy_weight
+        )
+        critic = critic_loss(advantages, settings.critic_weight)
+        cross_entropy = self._backward(policy.gradient, critic.gradient[..., None])
+        self.optimiser.step(settings.max_gradient_norm)
+        losses = torch.stack((entropy, policy.loss, critic.loss, cross_entropy), 1)
+        self.recorder.record(self.rewards, done, losses)
+
+    def _backward(self, d_policy: Tensor, d_values: Tensor) -> Tensor:
+        """Write all gradients; returns the actor's belief cross-entropy (S,), NaN without a belief head."""
+        T, memory = self.settings.rollout, self.memory
+        cross_entropy = torch.full((len(self.seeds),), torch.nan, device=d_policy.device)
+        d_features: dict[int, Tensor] = {}
+        for branch, d_output in ((self.networks.critic, d_values), (self.networks.actor, d_policy)):
+            d_belief = None
+            if branch.grounding is not None:
+                target = memory.belief[:, :T].flatten(1, 2)
+                grounded = belief_loss(branch.belief_logits(T), target, self.settings.belief_weight)
+                cross_entropy, d_belief = grounded.loss, grounded.gradient
+            d = branch.backward(memory, d_output, d_belief, T)
+            if branch.recurrence is not None and d is not None:
+                key = id(branch.recurrence)
+                d_features[key] = d_features[key].add_(d) if key in d_features else d
+        if self.networks.recurrences:
+            one_hot = memory.one_hot(T)
+            for recurrence in self.networks.recurrences:
+                d = d_features[id(recurrence)].view(len(self.seeds), T, self.settings.lanes, -1)
+                recurrence.backward(d, T, one_hot, memory.fresh[:, :T])
+        return cross_entropy
+
+    def networks_of(self, row: int) -> AgentNetworks:
+        """Copy one seed's networks out of the stack."""
+        device = self.networks.parameters.device
+        networks = AgentNetworks(self.spec, self.domain, self.settings, (self.seeds[row],), device)
+        networks.parameters.load(0, self.networks.parameters.of_seed(row))
+        return networks
+
+    def settle(self) -> None:
+        """Move what the next update starts from into tensors that keep their place."""
+        if not hasattr(self, "_settled"):
+            self._settled = (self.world.inputs.clone(), self.seen.clone())
+        else:
+            self._settled[0].copy_(self.world.inputs)
+            self._settled[1].copy_(self.seen)
+        self.world.inputs, self.seen = self._settled
+
+    def state(self) -> Mapping[str, Tensor]:
+        """Return all tensors that the rest of the run depends on, in place: a checkpoint's content."""
+        parameters = self.networks.parameters
+        state = {"values": parameters.values, "mean_squares": parameters.mean_squares}
+        state |= {
+            "steps": self.world.steps,
+            "scaler.returns": self.scaler.returns,
+            "scaler.sums": self.scaler.sums,
+        }
+        state |= {f"recorder.{k}": v for k, v in self.recorder.state().items()}
+        state |= {f"hidden.{i}": r.hidden for i, r in enumerate(self.networks.recurrences)}
+        for name, inputs in (("world", self.world.inputs), ("seen", self.seen)):
+            state |= {f"{name}.{k}": v for k, v in vars(inputs).items()}
+        return state
+
+    def load_state(self, state: Mapping[str, Tensor]) -> None:
+        """Go on from what :meth:`state` returned in an equal learner."""
+        for name, tensor in self.state().items():
+            tensor.copy_(state[name])

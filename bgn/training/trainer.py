@@ -1,0 +1,220 @@
+"""Trains one cell of the benchmark: all its seeds as one stack, from first step to final evaluation."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import torch
+from torch import Tensor
+
+from bgn import domains
+from bgn.agents.networks import AgentNetworks
+from bgn.agents.policy import Policy
+from bgn.agents.specs import agent
+from bgn.training import checkpoint as checkpoints
+from bgn.training.cell import CellSpec, Progress, RunResult
+from bgn.training.evaluation import evaluate
+from bgn.training.executor import Executor
+from bgn.training.learner import Learner
+
+#: Points of a curve: half of them spaced evenly, half by powers, so that the start is dense.
+CURVE_POINTS = 240
+CHECKPOINT_SECONDS = 30.0
+PROGRESS_SECONDS = 0.3
+
+OnProgress = Callable[[Progress], None]
+
+
+class CheckpointMismatchError(ValueError):
+    """A checkpoint that belongs to other work than what is to be resumed from it."""
+
+
+def train_cell(
+    spec: CellSpec,
+    seeds: Sequence[int],
+    *,
+    device: str = "cpu",
+    checkpoint: Path | None = None,
+    on_progress: OnProgress | None = None,
+) -> list[RunResult]:
+    """Train and evaluate one run per seed.
+
+    With ``checkpoint``, progress is saved there every half minute and taken up from there if the file
+    exists; the result is bit-identical to an uninterrupted one.
+
+    Raises
+    ------
+    CheckpointMismatchError
+        The checkpoint was written for another specification or other seeds.
+    """
+    return _Stack(spec, tuple(seeds), torch.device(device), checkpoint, on_progress).run()
+
+
+class _Stack:
+    """A stack of runs on its way."""
+
+    def __init__(
+        self,
+        spec: CellSpec,
+        seeds: tuple[int, ...],
+        device: torch.device,
+        checkpoint: Path | None,
+        on_progress: OnProgress | None,
+    ) -> None:
+        self.spec, self.seeds, self.checkpoint, self.on_progress = spec, seeds, checkpoint, on_progress
+        self.domain = domains.get(spec.domain, **spec.variant)
+        settings = spec.hyperparameters
+        self.learner = Learner(agent(spec.agent), self.domain, settings, seeds, device)
+        self.steps_per_update = settings.lanes * settings.rollout
+        self.updates = math.ceil(spec.env_steps / self.steps_per_update)
+        self.executor = Executor(self.learner, self.updates)
+        self.curves: list[list[dict[str, float]]] = [[] for _ in seeds]
+        self.done = 0
+        self.wall_seconds = self.cpu_seconds = 0.0
+        self._resume()
+
+    def run(self) -> list[RunResult]:
+        self._train()
+        self._report(stage="evaluate")
+        return [self._result(i, self.learner.networks_of(i)) for i in range(len(self.seeds))]
+
+    def _train(self) -> None:
+        points = curve_points(self.updates)
+        clock, saved, reported = _Clock(self), time.monotonic(), 0.0
+        while self.done < self.updates:
+            self.executor.update(self.done)
+            self.done += 1
+            if self.done in points:
+                clock.tick()
+                self._add_point()
+            now = time.monotonic()
+            if now - reported > PROGRESS_SECONDS:
+                clock.tick()
+                self._report()
+                reported = now
+            if self.checkpoint is not None and now - saved > CHECKPOINT_SECONDS:
+                clock.tick()
+                self._save()
+                saved = now
+        clock.tick()
+
+    def _add_point(self) -> None:
+        readings = self.learner.recorder.read()
+        for i, curve in enumerate(self.curves):
+            curve.append(
+                {
+                    "env_steps": self.done * self.steps_per_update,
+                    "return_100": readings.return_100[i],
+                    "success_100": readings.success_100[i],
+                    "episodes": readings.episodes[i],
+                    **{name: values[i] for name, values in readings.losses.items()},
+                    "seconds": self.wall_seconds,
+                }
+            )
+
+    def _report(self, stage: str = "train") -> None:
+        if self.on_progress is None:
+            return
+        steps = self.done * self.steps_per_update
+        speed = steps * len(self.seeds) / self.wall_seconds if self.wall_seconds else 0.0
+        latest = [curve[-1]["return_100"] for curve in self.curves if curve]
+        mean = sum(latest) / len(latest) if latest else math.nan
+        self.on_progress(Progress(steps, self.updates * self.steps_per_update, speed, mean, stage))
+
+    def _result(self, i: int, networks: AgentNetworks) -> RunResult:
+        last = self.curves[i][-1]
+        metrics = {"train_return": last["return_100"], "train_success": last["success_100"]}
+        for name, greedy in (("sampled", False), ("greedy", True)):
+            summary = evaluate(
+                networks,
+                self.domain,
+                self.spec.hyperparameters,
+                self.spec.evaluation_episodes,
+                greedy=greedy,
+            )
+            metrics |= {f"{name}_{k}": v for k, v in summary.items()}
+        names = networks.actor_parameters()
+        policy = {n: t for n, t in networks.parameters.of_seed(0).items() if n in names}
+        metrics |= self._in_physics(policy, self.seeds[i])
+        metrics |= {
+            "env_steps_per_second": self.updates
+            * self.steps_per_update
+            * len(self.seeds)
+            / self.wall_seconds,
+            "wall_seconds": self.wall_seconds / len(self.seeds),
+            "cpu_seconds": self.cpu_seconds / len(self.seeds),
+        }
+        return RunResult(
+            seed=self.seeds[i], curve=pd.DataFrame(self.curves[i]), metrics=metrics, policy=policy
+        )
+
+    def _in_physics(self, tensors: Mapping[str, Tensor], seed: int) -> dict[str, float]:
+        """Success of the policy, sampling its actions as in training, in MuJoCo."""
+        episodes = self.spec.physics_episodes
+        if episodes == 0:
+            return {}
+        # Imported here because only robot domains need MuJoCo.
+        from bgn.simulation.physics_world import evaluate_in_physics
+
+        settings = self.spec.hyperparameters
+        policy = Policy(tensors, self.domain, self.spec.agent, settings, greedy=False)
+        result = evaluate_in_physics(self.spec.domain, policy, episodes, seed, **self.spec.variant)
+        return {
+            "physics_success": result["success"],
+            "physics_success_se": result["success_se"],
+            "physics_length": result["length"],
+            "physics_episodes": float(result["episodes"]),
+        }
+
+    def _identity(self) -> dict[str, Any]:
+        spec = asdict(replace(self.spec, variant=dict(self.spec.variant)))
+        return {"spec": spec, "seeds": list(self.seeds)}
+
+    def _save(self) -> None:
+        assert self.checkpoint is not None
+        content = self._identity() | {
+            "state": dict(self.learner.state()),
+            "done": self.done,
+            "curves": self.curves,
+            "seconds": [self.wall_seconds, self.cpu_seconds],
+        }
+        checkpoints.save(self.checkpoint, content)
+
+    def _resume(self) -> None:
+        content = None if self.checkpoint is None else checkpoints.load(self.checkpoint)
+        if content is None:
+            return
+        for key, mine in self._identity().items():
+            if content[key] != mine:
+                found = f"{self.checkpoint} is for other {key}: {content[key]}, not {mine}"
+                raise CheckpointMismatchError(f"{found}; delete it to start over")
+        self.learner.load_state(content["state"])
+        self.done, self.curves = content["done"], content["curves"]
+        self.wall_seconds, self.cpu_seconds = content["seconds"]
+
+
+class _Clock:
+    """Adds the time since it last ticked to a stack's wall and CPU seconds."""
+
+    def __init__(self, stack: _Stack) -> None:
+        self.stack, self.wall, self.cpu = stack, time.perf_counter(), time.process_time()
+
+    def tick(self) -> None:
+        wall, cpu = time.perf_counter(), time.process_time()
+        self.stack.wall_seconds += wall - self.wall
+        self.stack.cpu_seconds += cpu - self.cpu
+        self.wall, self.cpu = wall, cpu
+
+
+def curve_points(updates: int) -> frozenset[int]:
+    """Return the updates after which a point of the curve is taken: dense early, and always the last."""
+    half = CURVE_POINTS // 2
+    even = {max(1, round(updates * i / half)) for i in range(1, half + 1)}
+    powers = {max(1, round(updates ** (i / half))) for i in range(half + 1)}
+    return frozenset(even | powers | {updates})
