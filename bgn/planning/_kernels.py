@@ -584,6 +584,7 @@ def mark_alive(model: CompiledModel, search: Search, roots: Ints) -> None:
     for s in range(slots.size):
         slots[s].alive = False
     stack, depth = np.empty(slots.size, dtype=np.int64), 0
+    tolerance = RELATIVE_IMPROVEMENT * search.scale  # where the bounds meet, rounding must not cut the best action
     for root in roots:
         if not slots[search.nodes[root].slot].alive:
             slots[search.nodes[root].slot].alive = True
@@ -594,7 +595,7 @@ def mark_alive(model: CompiledModel, search: Search, roots: Ints) -> None:
         i = stack[depth]
         s = search.nodes[i].slot
         for a in range(model.n_actions):
-            if search.edge_first[s, a] >= 0 and search.q_upper[s, a] >= search.nodes[i].lower:
+            if search.edge_first[s, a] >= 0 and search.q_upper[s, a] >= search.nodes[i].lower - tolerance:
                 first, last = edges_of(model, search, i, a)
                 for e in range(first, last):
                     child = search.edges[e].child

@@ -28,6 +28,8 @@ class StartBelief(NamedTuple):
     """Probability of this opening."""
     belief: Floats
     """(S,) distribution over the joint states."""
+    seen: int
+    """What tells it from the others: action * |Ω| + observation of a hidden first action, else x."""
 
 
 def start_beliefs(model: POMDP | MOMDP, convention: Convention = "clean") -> tuple[StartBelief, ...]:
@@ -58,7 +60,9 @@ def start_beliefs(model: POMDP | MOMDP, convention: Convention = "clean") -> tup
         unnormalised = list(_split_by_observed(joint.start, n_observed))
     weights = [float(belief.sum()) for belief in unnormalised]
     return tuple(
-        StartBelief(w, b / w) for w, b in zip(weights, unnormalised, strict=True) if w > NEGLIGIBLE
+        StartBelief(weight, belief / weight, seen)
+        for seen, (weight, belief) in enumerate(zip(weights, unnormalised, strict=True))
+        if weight > NEGLIGIBLE
     )
 
 

@@ -9,9 +9,9 @@ and pruning what cannot be optimal. Both bounds hold at any time and only improv
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -88,6 +88,11 @@ class Sarsop:
             self._reserve(1)
             kernels.backup(self._model, self._search, root)
 
+    @property
+    def seconds(self) -> float:
+        """CPU time since the search was made."""
+        return time.process_time() - self._began
+
     def progress(self) -> Progress:
         """Return the bounds and sizes reached."""
         lower, upper = self._root_bounds()
@@ -95,7 +100,7 @@ class Sarsop:
         return Progress(
             lower=float(self._weights @ lower),
             upper=float(self._weights @ upper),
-            seconds=time.process_time() - self._began,
+            seconds=self.seconds,
             vectors=int(self._search.alphas["alive"][:n_alphas].sum()),
             beliefs=int(self._search.slots["alive"][:n_slots].sum()),
             trials=self._n_trials,
@@ -172,6 +177,53 @@ class Sarsop:
 
     def _reserve(self, steps: int) -> None:
         self._search = _reserve(self._model, self._search, steps)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Solution:
+    """What a solve found."""
+
+    policy: AlphaVectors
+    progress: Progress
+    """Bounds and sizes at the end."""
+    reason: Literal["precision", "timeout", "interrupted"]
+    """Why it ended."""
+
+
+def solve(
+    model: POMDP | MOMDP,
+    *,
+    precision: float,
+    timeout: float,
+    convention: Convention = "clean",
+    on_progress: Callable[[Progress], None] | None = None,
+) -> Solution:
+    """Search until the bounds are within ``precision`` of each other, for at most ``timeout`` CPU seconds.
+
+    ``on_progress`` is called about ten times a second. Ctrl-C ends the search and keeps what was found.
+
+    Raises
+    ------
+    PlanningError
+        The precision is impossible, the timeout is not positive, or the discount is 1.
+    """
+    if not timeout > 0:
+        raise PlanningError(f"timeout {timeout:g} is not positive")
+    search = Sarsop(model, convention)
+    reason: Literal["precision", "timeout", "interrupted"] = "precision"
+    reported = -np.inf
+    try:
+        for _ in search.trials(precision):
+            seconds = search.seconds
+            if on_progress is not None and seconds - reported > 0.1:
+                on_progress(search.progress())
+                reported = seconds
+            if seconds >= timeout:
+                reason = "timeout"
+                break
+    except KeyboardInterrupt:
+        reason = "interrupted"
+    return Solution(policy=search.policy(), progress=search.progress(), reason=reason)
 
 
 #: Which arrays grow with which count.
