@@ -63,5 +63,5 @@ def get(domain_id: str, **variant: str | int | float | bool) -> Domain:
 def _discover() -> None:
     package = importlib.import_module("bgn.domains")
     for module in pkgutil.iter_modules(package.__path__):
-        if not module.name.startswith("_"):
+        if not (module.ispkg or module.name.startswith("_")):
             importlib.import_module(f"bgn.domains.{module.name}")

@@ -17,7 +17,7 @@ from bgn.results.cells import DomainRow
 from bgn.results.tables import CLEAN, Evidence
 
 _COLUMNS = 4
-_PANEL_INCHES = (3.4, 2.6)
+_PANEL_INCHES = (3.6, 2.7)
 _WINDOW = 100  # episodes behind each mean
 _POINTS = 200  # of the common grid of environment steps
 
@@ -37,7 +37,7 @@ def learning_curves(evidence: Evidence, curves: pd.DataFrame) -> bytes:
     domains = [domain for domain in evidence.domains if (curves["domain"] == domain.id).any()]
     columns = min(_COLUMNS, len(domains))
     rows = math.ceil(len(domains) / columns)
-    figure = Figure(figsize=(columns * _PANEL_INCHES[0], rows * _PANEL_INCHES[1] + 0.4), layout="constrained")
+    figure = Figure(figsize=(columns * _PANEL_INCHES[0], rows * _PANEL_INCHES[1] + 0.6), layout="constrained")
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     for domain, axes in zip(domains, panels, strict=False):
         _draw(axes, domain, evidence, curves[curves["domain"] == domain.id])
@@ -47,8 +47,14 @@ def learning_curves(evidence: Evidence, curves: pd.DataFrame) -> bytes:
     for axes in panels:
         for line, label in zip(*axes.get_legend_handles_labels(), strict=True):
             legend[label] = line
-    names, lines = list(legend), list(legend.values())
-    figure.legend(lines, names, loc="outside lower center", ncols=max(1, len(names)), frameon=False)
+    figure.legend(
+        list(legend.values()),
+        list(legend),
+        loc="outside lower center",
+        ncols=2 * columns,
+        frameon=False,
+        fontsize=8,
+    )
     FigureCanvasAgg(figure)
     image = io.BytesIO()
     figure.savefig(image, dpi=110, metadata={"Software": None})

@@ -128,8 +128,8 @@ def test_classic_domains_can_start_clean(domain_id):
 def test_no_domain_opens_with_a_hidden_action_unless_it_says_so():
     world = TableWorld(domains.get("top-plate"), 2, hidden_first_action=True)
     assert not world.hidden_first_action
+    model = random_model(np.random.default_rng(0), 4, 1, 1)
     with pytest.raises(ValueError, match="without an observed part"):
-        model = random_model(np.random.default_rng(0), 4, 1, 1)
         TableWorld(domain_of(model, 2, hidden_first_action=True), 1)
 
 

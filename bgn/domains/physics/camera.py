@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
 import time
 from typing import Any, Final
 
@@ -24,6 +25,8 @@ class Camera:
 
     def __init__(self, scene: Scene, width: int = 640, height: int = 360) -> None:
         self._scene = scene
+        # Off-screen, MuJoCo clears and resolves its whole buffer for every picture.
+        scene.model.vis.global_.offwidth, scene.model.vis.global_.offheight = width, height
         try:
             self._renderer: Any = mujoco.Renderer(scene.model, height, width)
         except Exception as error:  # each OpenGL backend fails in its own way
@@ -54,9 +57,11 @@ class Window:
             )
         import mujoco.viewer  # loads a window system
 
+        others = set(threading.enumerate())
         self._viewer: Any = mujoco.viewer.launch_passive(
             scene.model, scene.data, show_left_ui=False, show_right_ui=False
         )
+        self._threads = set(threading.enumerate()) - others
         self._viewer.cam.type = mujoco.mjtCamera.mjCAMERA_FIXED
         self._viewer.cam.fixedcamid = scene.model.camera(VIEW).id
         self._due = time.perf_counter()
@@ -69,5 +74,7 @@ class Window:
         self._viewer.sync()
 
     def close(self) -> None:
-        """Close the window."""
+        """Close the window and wait until it is gone: a Python that exits first would crash."""
         self._viewer.close()
+        for thread in self._threads:
+            thread.join(timeout=5)
