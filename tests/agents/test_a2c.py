@@ -205,7 +205,9 @@ def test_rmsprop_is_torchs_with_a_joint_clip_for_each_seed():
     generator = torch.Generator().manual_seed(3)
     clipped = 0
     for step in range(300):
-        scale = 10.0 ** torch.linspace(-4, 1, 3).roll(step)  # every seed is clipped at times, and at times not
+        scale = 10.0 ** torch.linspace(-4, 1, 3).roll(
+            step
+        )  # every seed is clipped at times, and at times not
         for row in range(3):
             for name, tensor in zip(names, theirs[row], strict=True):
                 tensor.grad = torch.randn(tensor.shape, generator=generator) * scale[row]
