@@ -11,19 +11,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from bgn.domains.physics import REMEDY, RenderingUnavailableError
 from bgn.domains.physics.scene import FRAME_STEPS, TIMESTEP, Scene
 
 Image = NDArray[np.uint8]
 
 VIEW: Final = "talk"  # the camera every scene defines
-_REMEDY: Final = (
-    "off-screen rendering needs EGL (Debian: `apt install libegl1`) with MUJOCO_GL=egl, or OSMesa "
-    "(`apt install libosmesa6`) with MUJOCO_GL=osmesa, set before Python starts"
-)
-
-
-class RenderingUnavailableError(RuntimeError):
-    """No graphics on this machine; the message says what is missing."""
 
 
 class Camera:
@@ -36,7 +29,7 @@ class Camera:
         except Exception as error:  # each OpenGL backend fails in its own way
             backend = os.environ.get("MUJOCO_GL") or "glfw"
             raise RenderingUnavailableError(
-                f"no OpenGL by MUJOCO_GL={backend} ({error or type(error).__name__}); {_REMEDY}"
+                f"no OpenGL by MUJOCO_GL={backend} ({error or type(error).__name__}); {REMEDY}"
             ) from error
 
     def frame(self) -> Image:
