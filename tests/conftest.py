@@ -1,4 +1,4 @@
-"""Keeps numerical libraries to one thread: test processes run side by side, and small products gain nothing."""
+"""Keeps numerical libraries to one thread: processes run side by side, and small products gain nothing."""
 
 import os
 

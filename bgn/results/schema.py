@@ -15,7 +15,7 @@ import pyarrow as pa
 
 Columns = Mapping[str, pa.DataType]
 
-#: How an episode of a reference policy opens: the agent chooses every action, or an unseen random one comes first.
+#: How an episode of a reference policy opens: it chooses every action, or an unseen random one comes first.
 Convention = Literal["clean", "hidden-first-action"]
 CLEAN: Final = "clean"
 HIDDEN: Final = "hidden-first-action"
