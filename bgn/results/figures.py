@@ -14,7 +14,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter
 
 from bgn.results.cells import DomainRow
-from bgn.results.tables import CLEAN, Evidence
+from bgn.results.schema import CLEAN
+from bgn.results.tables import Evidence
 
 _COLUMNS = 4
 _PANEL_INCHES = (3.6, 2.7)
