@@ -135,5 +135,5 @@ def test_missing_graphics_is_a_clear_error(monkeypatch):
     monkeypatch.setattr("mujoco.Renderer", fail)
     env = PhysicsEnvironment("top-plate", render_mode="rgb_array")
     env.reset(seed=0)
-    with pytest.raises(RenderingUnavailableError, match=r"no OpenGL by MUJOCO_GL=.*glGetError.*libegl1"):
+    with pytest.raises(RenderingUnavailableError, match=r"no OpenGL by .*glGetError.*libegl1"):
         env.render()

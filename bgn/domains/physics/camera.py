@@ -30,9 +30,10 @@ class Camera:
         try:
             self._renderer: Any = mujoco.Renderer(scene.model, height, width)
         except Exception as error:  # each OpenGL backend fails in its own way
-            backend = os.environ.get("MUJOCO_GL") or "glfw"
+            backend = getattr(getattr(mujoco, "GLContext", None), "__module__", "nothing")
             raise RenderingUnavailableError(
-                f"no OpenGL by MUJOCO_GL={backend} ({error or type(error).__name__}); {REMEDY}"
+                f"no OpenGL by {backend}, which MuJoCo chose when it was first imported "
+                f"({error or type(error).__name__}); {REMEDY}"
             ) from error
 
     def frame(self) -> Image:
