@@ -41,12 +41,18 @@ def lint(session: nox.Session) -> None:
 
 @nox.session(venv_backend="none")
 def speed(session: nox.Session) -> None:
-    """Measure speeds, with machine info, into .benchmarks/speed.json; arguments as pytest-benchmark's."""
+    """Measure speeds into .benchmarks/speed.json; ``-- --compare [REV]``: against a git revision."""
+    if "--compare" in session.posargs:
+        arguments = [argument for argument in session.posargs if argument != "--compare"]
+        run(session, "python", "-m", "benchmarks.speed", "compare", *arguments)
+        return
     (ROOT / ".benchmarks").mkdir(exist_ok=True)
     suite = sorted(str(path.relative_to(ROOT)) for path in (ROOT / "benchmarks").glob("test_speed_*.py"))
     report = "--benchmark-json=.benchmarks/speed.json"
     # The project's own pytest options skip benchmarks, which is what the test session wants.
-    run(session, "pytest", "-o", "addopts=", "--benchmark-only", report, *suite, *session.posargs)
+    options = ("-q", "-o", "addopts=", "--benchmark-only", "--benchmark-columns=min,median,iqr,rounds")
+    run(session, "pytest", *options, report, *suite, *session.posargs)
+    run(session, "python", "-m", "benchmarks.speed", "table")
 
 
 def run(session: nox.Session, program: str, *arguments: str) -> None:

@@ -1,0 +1,59 @@
+"""What this machine can do, measured now: speeds drift, so every figure is stored beside these."""
+
+from __future__ import annotations
+
+import os
+import platform
+import time
+from collections.abc import Callable
+from statistics import median
+
+import torch
+
+#: Shape of the calibration kernel ``tanh(x @ w)``: one Ah-Ch step's largest product, 16 lanes.
+KERNEL = (16, 256, 768)
+PEAK_SIZE = 768
+
+
+def calibration_seconds() -> float:
+    """CPU seconds of ``tanh(x @ w)``, x 16x256, w 256x768, float32, one thread: the median of ten batches."""
+    rows, inner, columns = KERNEL
+    x, w = torch.randn(rows, inner), torch.randn(inner, columns)
+    return median(_cpu_seconds(lambda: torch.tanh(x @ w), 20) for _ in range(10))
+
+
+def peak_flops() -> float:
+    """FLOP per CPU second of a large square float32 product on one thread: the best of a few."""
+    a, b = torch.randn(PEAK_SIZE, PEAK_SIZE), torch.randn(PEAK_SIZE, PEAK_SIZE)
+    out = torch.empty(PEAK_SIZE, PEAK_SIZE)
+    best = min(_cpu_seconds(lambda: torch.mm(a, b, out=out), 1) for _ in range(6))
+    return 2 * PEAK_SIZE**3 / best
+
+
+def info() -> dict[str, str | int]:
+    """Say what the figures were measured on."""
+    return {
+        "processor": _processor(),
+        "cores": os.cpu_count() or 1,
+        "python": platform.python_version(),
+        "torch": torch.__version__,
+        "threads": torch.get_num_threads(),
+    }
+
+
+def _cpu_seconds(work: Callable[[], object], times: int) -> float:
+    torch.set_num_threads(1)
+    start = time.process_time()
+    for _ in range(times):
+        work()
+    return (time.process_time() - start) / times
+
+
+def _processor() -> str:
+    """Return the processor's name, as Linux tells it."""
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8") as file:
+            names = [line.partition(":")[2].strip() for line in file if line.startswith("model name")]
+    except OSError:
+        names = []
+    return names[0] if names else platform.processor() or platform.machine()
