@@ -63,6 +63,15 @@ def test_the_printed_entropy_schedule_takes_fifteen_million_steps() -> None:
     assert 2 * 0.1 ** (steps / 3_000_000) == pytest.approx(2e-5)
 
 
+def test_a_preset_takes_over_what_it_does_not_say() -> None:
+    calibrated, authors = (REGISTRY.presets[name] for name in ("calibrated", "authors-code"))
+    assert calibrated.hyperparameters("hallway") == authors.hyperparameters("hallway")
+    robot, theirs = (preset.hyperparameters("top-plate") for preset in (calibrated, authors))
+    assert not robot.shared_recurrence
+    assert theirs.shared_recurrence
+    assert robot.reward_scaling == theirs.reward_scaling
+
+
 def test_cell_joins_budget_and_preset() -> None:
     spec = REGISTRY.cell("top-plate", "ab-cb", budget="paper", preset="paper-text")
     assert (spec.env_steps, spec.evaluation_episodes, spec.physics_episodes) == (3_000_000, 1000, 200)
@@ -106,6 +115,8 @@ def test_selection_keeps_registry_order() -> None:
         ("lanes = 16", "lames = 16", r"presets\.authors-code\.all: unknown 'lames'; known: lanes, rollout"),
         ("lanes = 16", 'lanes = "many"', r"presets\.authors-code for hallway: lanes: .*integer"),
         ("belief_weight = 0.267", "belief_wait = 1", r"domains\.hallway: unknown 'belief_wait'"),
+        ('extends = "authors-code"', 'extends = "nobody"', r"presets\.calibrated\.extends: unknown 'nobody'"),
+        ('extends = "authors-code"', 'extends = "calibrated"', r"extends: 'calibrated' extends it in turn"),
         ('"rocksample-5-5"]', '"rocksample-7-8"]', r"references\.\w+\.domains: unknown 'rocksample-7-8'"),
         ('"hallway-2", "rock', '"hallway", "rock', r"references\.\w+\.domains: 'hallway' is listed more"),
     ],
