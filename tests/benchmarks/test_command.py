@@ -14,11 +14,13 @@ from collections.abc import Sequence
 import pandas as pd
 import pytest
 
+from benchmarks import registry
 from benchmarks.__main__ import main, parse_seeds
 from bgn.results.store import Store
 from tests.benchmarks import fakes
 
 ROOT = pathlib.Path(__file__).parents[2]
+PRESET = registry.load().defaults.preset
 Capture = pytest.CaptureFixture[str]
 
 
@@ -29,7 +31,7 @@ def smoke(results: pathlib.Path, *domains: str, agents: Sequence[str] = ()) -> l
 
 
 def stored(results: pathlib.Path) -> Store:
-    return Store(results / "smoke" / "authors-code")
+    return Store(results / "smoke" / PRESET)
 
 
 def test_a_second_run_does_nothing_but_print(
@@ -61,7 +63,7 @@ def test_a_second_run_does_nothing_but_print(
     assert second.endswith(tables)
     assert "Raw returns (paper, Table 7)" in tables
     assert "Normalised returns (paper, Table 8)" in tables
-    assert (tmp_path / "smoke" / "authors-code" / "tables" / "tables.md").is_file()
+    assert (tmp_path / "smoke" / PRESET / "tables" / "tables.md").is_file()
 
 
 def test_failures_are_rows_and_the_rest_goes_on(
@@ -193,7 +195,7 @@ def _await_death(pid: int) -> None:
         (["run", "--domain", "hallway-3"], "unknown domain 'hallway-3'; known: hallway, hallway-2"),
         (["run", "--agent", "ppo"], "unknown agent 'ppo'; known: ah-ch, ah-ch+bgn"),
         (["status", "--budget", "huge"], "unknown budget 'huge'; known: smoke, laptop, paper"),
-        (["tables", "--preset", "mine"], "unknown preset 'mine'; known: authors-code, paper-text"),
+        (["tables", "--preset", "mine"], "unknown preset 'mine'; known: authors-code"),
     ],
 )
 def test_unknown_names(arguments: list[str], message: str, capsys: Capture) -> None:
