@@ -78,8 +78,8 @@ def _machine(suite: Suite) -> str:
     peaks = [speed.peak_gflops for speed in suite.training]
     return (
         f"Measured on {day}: {what['processor']}, {what['cores']} cores, one thread, torch {what['torch']}. "
-        f"The calibration kernel took {min(kernels):.0f} to {max(kernels):.0f} µs during the suite, the large "
-        f"product ran at {min(peaks):.0f} to {max(peaks):.0f} GFLOP/s."
+        f"The calibration kernel took {min(kernels):.0f} to {max(kernels):.0f} µs during the suite, "
+        f"the large product ran at {min(peaks):.0f} to {max(peaks):.0f} GFLOP/s."
     )
 
 
@@ -99,7 +99,9 @@ def _floors() -> str:
     for domain_id, agent_id in _cells():
         needed = _multiply_adds(domain_id, agent_id)
         floor = 2 * needed / peak
-        rows.append((f"{domain_id}/{agent_id}", f"{needed / 1e6:.2f}", f"{floor * 1e6:.0f}", f"{1 / floor:,.0f}"))
+        rows.append(
+            (f"{domain_id}/{agent_id}", f"{needed / 1e6:.2f}", f"{floor * 1e6:.0f}", f"{1 / floor:,.0f}")
+        )
     headings = ("cell", "million multiply-adds per env-step", "µs at peak", "env-steps/CPU-s at peak")
     return _table(headings, rows)
 
@@ -118,7 +120,12 @@ def _cost(suite: Suite) -> str:
         rows.append((domain_id, f"{steps / 1e6:g}", f"{min(each):.2f} to {max(each):.2f}", total))
     rows.append(("all", "", "", f"{hours:.0f}"))
     table = _table(
-        ("domain", "million env-steps a run", "core-hours a run", f"core-hours, {budget.seeds} seeds, 6 agents"),
+        (
+            "domain",
+            "million env-steps a run",
+            "core-hours a run",
+            f"core-hours, {budget.seeds} seeds, 6 agents",
+        ),
         rows,
     )
     return f"{table}\n\nNecessary products of all runs together: {flop / 1e15:.1f} PFLOP."
