@@ -21,7 +21,7 @@ PROGRAMS = ENVIRONMENT / ("Scripts" if os.name == "nt" else "bin")
 
 @nox.session(venv_backend="none")
 def reproduce(session: nox.Session) -> None:
-    """Train what is missing, print the paper's tables beside ours; arguments: `python -m benchmarks run`."""
+    """Train what is missing and print the tables; arguments as `python -m benchmarks run`."""
     run(session, "python", "-m", "benchmarks", "run", *session.posargs)
 
 

@@ -14,11 +14,10 @@ from benchmarks.tasks import CellTask, ReferenceSpec, ReferenceTask, Task
 from bgn import domains
 from bgn.results import provenance
 from bgn.results.provenance import Origin
+from bgn.results.schema import CLEAN, HIDDEN, Convention
 from bgn.results.store import Kind, Store
 from bgn.training.cell import CellSpec
 
-#: How an episode of a reference policy opens; the second only where the domain has a hidden first action.
-CLEAN, HIDDEN_FIRST_ACTION = "clean", "hidden-first-action"
 _REFERENCE_SEED = 0
 _STEPS_PER_PLANNING_SECOND = 3000.0  # to compare a planner's time with training, roughly
 
@@ -104,8 +103,9 @@ class Selection:
         data = provenance.data_hash(domains.get(domain))
         for agent in self.agents:
             spec = self.registry.cell(domain, agent, budget=self.budget, preset=self.preset)
-            code = provenance.PHYSICS_CODE if spec.physics_episodes else provenance.TRAINING_CODE
-            origin = Origin(provenance.spec_hash(spec), provenance.code_hash(code), data)
+            unused = None if spec.physics_episodes else provenance.PHYSICS_CODE
+            code = provenance.code_hash(provenance.TRAINING_CODE, without=unused)
+            origin = Origin(provenance.spec_hash(spec), code, data)
             for seed in self.seeds:
                 yield Wanted("runs", f"{domain}/{agent}/seed-{seed}", spec, seed, origin)
 
@@ -154,9 +154,9 @@ class Selection:
         )
 
 
-def conventions(domain: str) -> tuple[str, ...]:
+def conventions(domain: str) -> tuple[Convention, ...]:
     """Return how episodes of a domain may open."""
-    return (CLEAN, HIDDEN_FIRST_ACTION) if domains.get(domain).hidden_first_action else (CLEAN,)
+    return (CLEAN, HIDDEN) if domains.get(domain).hidden_first_action else (CLEAN,)
 
 
 def statuses(wanted: Sequence[Wanted], store: Store) -> list[Status]:

@@ -76,6 +76,8 @@ class Preset(_Entry):
     """One reading of the paper's settings: hyperparameters for all domains, and each domain's own."""
 
     description: str
+    extends: str | None = None
+    """Another preset whose values hold where this one says nothing."""
     all: dict[str, Any]
     domains: dict[str, dict[str, Any]] = {}
 
@@ -101,6 +103,12 @@ class Registry(_Entry):
     references: dict[str, ReferenceEntry]
     budgets: dict[str, Budget]
     presets: dict[str, Preset]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _inherit(cls, data: dict[str, Any]) -> dict[str, Any]:
+        presets = data.get("presets", {})
+        return {**data, "presets": {name: _inherited(name, presets) for name in presets}}
 
     @model_validator(mode="after")
     def _names_agree(self) -> Registry:
@@ -205,6 +213,20 @@ def _check_preset(where: str, preset: Preset, domains: Mapping[str, object]) -> 
             preset.hyperparameters(domain)
         except ValidationError as error:
             raise ValueError(f"{where} for {domain}: {_explain(error)}") from error
+
+
+def _inherited(name: str, presets: Mapping[str, Any], heirs: tuple[str, ...] = ()) -> Any:
+    """Fill a preset's table up from the one it extends."""
+    preset = presets[name]
+    base_name = preset.get("extends") if isinstance(preset, dict) else None
+    if base_name is None:
+        return preset
+    _known(f"presets.{name}.extends", [base_name], presets)
+    _require(base_name not in (*heirs, name), f"presets.{name}.extends: {base_name!r} extends it in turn")
+    base = _inherited(base_name, presets, (*heirs, name))
+    ours, theirs = preset.get("domains", {}), base.get("domains", {})
+    domains = {d: {**theirs.get(d, {}), **ours.get(d, {})} for d in (*theirs, *ours)}
+    return {**preset, "all": {**base.get("all", {}), **preset.get("all", {})}, "domains": domains}
 
 
 def _known(where: str, names: Iterable[str], known: Iterable[str]) -> None:

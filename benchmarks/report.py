@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pathlib
 from collections import Counter
 from collections.abc import Sequence
 
@@ -13,10 +12,10 @@ from rich.console import Console
 from benchmarks.plan import Selection, State, Status
 from bgn import domains
 from bgn.agents.specs import AGENTS
-from bgn.results import cells, tables
+from bgn.results import cells, figures, tables
 from bgn.results.cells import DomainRow
 from bgn.results.grids import Grid
-from bgn.results.store import Store, write_parquet, write_text
+from bgn.results.store import Store, write_bytes, write_parquet
 from bgn.results.tables import Evidence
 
 #: Columns that the widest table needs.
@@ -62,7 +61,7 @@ def show_tables(selection: Selection, store: Store, console: Console) -> None:
         grids += [tables.raw_returns(evidence), tables.normalised_returns(evidence)]
     for grid in grids:
         _print(grid, console)
-    _write(evidence, grids, store.root / "tables")
+    _write(evidence, grids, store)
     console.print(f"Written to {store.root / 'tables'}", highlight=False, soft_wrap=True)
 
 
@@ -124,7 +123,8 @@ def _reasons(statuses: Sequence[Status]) -> list[str]:
     return [f"{count} stored results are older: {reason}" for reason, count in reasons.items()]
 
 
-def _write(evidence: Evidence, grids: Sequence[Grid], folder: pathlib.Path) -> None:
+def _write(evidence: Evidence, grids: Sequence[Grid], store: Store) -> None:
+    folder = store.root / "tables"
     frames = {
         "cells": evidence.cells,
         "normalised": tables.normalised_frame(evidence),
@@ -133,4 +133,9 @@ def _write(evidence: Evidence, grids: Sequence[Grid], folder: pathlib.Path) -> N
     for name, frame in frames.items():
         write_parquet(folder / f"{name}.parquet", pa.Table.from_pandas(frame, preserve_index=False))
     text = "\n".join(["# Tables", "", *(grid.markdown() for grid in grids)])
-    write_text(folder / "tables.md", text)
+    write_bytes(folder / "tables.md", text.encode())
+    if len(evidence.runs):
+        curves = store.read("curves").merge(
+            evidence.runs[["run", "key", "domain", "agent"]], on=["run", "key"]
+        )
+        write_bytes(folder / "learning-curves.png", figures.learning_curves(evidence, curves))

@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Protocol
 
 from bgn.results import provenance, schema
 from bgn.results.provenance import Origin
+from bgn.results.schema import Convention
 from bgn.results.store import Kind, Store, write_atomically
 from bgn.training.cell import CellSpec, Progress, RunResult
 
@@ -59,8 +60,7 @@ class ReferenceSpec:
 
     domain: str
     reference: str
-    convention: str
-    """How an episode opens: ``clean`` or ``hidden-first-action``."""
+    convention: Convention
     episodes: int
     planning_seconds: float
     seed: int

@@ -105,8 +105,10 @@ def belief_loss(logits: Tensor, belief: Tensor, weight: float) -> HeadLoss:
 
 def sample_actions(policy: Tensor, variates: Tensor) -> Tensor:
     """Draw actions (S, N) from ``policy`` (S, N, A) by inversion; ``variates`` (S, N) uniform on [0, 1)."""
-    cumulative = policy.cumsum(-1)[..., :-1]
-    actions: Tensor = (variates[..., None] >= cumulative).sum(-1)
+    cumulative = policy.cumsum(-1)
+    # Rounded probabilities may add up to a little less than one; the rest is not the last action's.
+    scaled = variates[..., None] * cumulative[..., -1:]
+    actions: Tensor = (scaled >= cumulative[..., :-1]).sum(-1)
     return actions
 
 

@@ -20,6 +20,11 @@ HIDDEN = 256
 EMBEDDING = 128
 
 
+def one_hot(indices: Tensor, n: int) -> Tensor:
+    """Mark ``indices`` (…) in float32 (…, n), without looking at their values as torch's own does."""
+    return (indices[..., None] == torch.arange(n, device=indices.device)).float()
+
+
 class Dense:
     """y = x W + b, optionally through tanh; W (in, out)."""
 
@@ -42,6 +47,10 @@ class Dense:
     def forward(self, x: Tensor, out: Tensor | None = None) -> Tensor:
         """Map (S, N, in) to (S, N, out); with ``out``, that is where the result of the tanh goes."""
         W, b = self.parameters[f"{self.name}.weight"], self.parameters[f"{self.name}.bias"]
+        if self.n_out == 1 and out is None:
+            # MKL multiplies by a single column in another order alone than in a batch: a run would depend on
+            # the seeds beside it.
+            return torch.sum(x * W.transpose(1, 2), -1, keepdim=True).add_(b[:, None])
         y = torch.baddbmm(b[:, None], x, W)
         if not self.tanh:
             return y
@@ -113,6 +122,8 @@ class Recurrence:
         self.entering, self.features = buffer(HIDDEN), buffer(HIDDEN)
         self.recalled, self.rz, self.n = buffer(HIDDEN), buffer(2 * HIDDEN), buffer(HIDDEN)
         self.d_gates = buffer(4 * HIDDEN)
+        written = (self.entering, self.features, self.recalled, self.rz, self.n)
+        self._slots = list(zip(*(b.unbind(1) for b in written), strict=True))
         self.hidden = torch.zeros(seeds, lanes, HIDDEN, device=device)
 
     def prepare(self) -> None:
@@ -132,12 +143,13 @@ class Recurrence:
 
     def step(self, t: int, observation: Tensor, last_action: Tensor, fresh: Tensor) -> Tensor:
         """Fill slot ``t`` from (S, L) indices, memory being empty where ``fresh``; returns (S, L, H)."""
-        before = self.hidden if t == 0 else self.features[:, t - 1]
+        before = self.hidden if t == 0 else self._slots[t - 1][1]
+        entering, features, *kept = self._slots[t]
         h = before * ~fresh[:, :, None]
-        self.entering[:, t] = h
         recalled, rz, n = self._gates(h, observation, last_action)
-        self.rz[:, t], self.n[:, t], self.recalled[:, t] = rz, n, recalled
-        return torch.lerp(n, h, rz[..., HIDDEN:], out=self.features[:, t])
+        for slot, value in zip((entering, *kept), (h, recalled, rz, n), strict=True):
+            slot.copy_(value)
+        return torch.lerp(n, h, rz[..., HIDDEN:], out=features)
 
     def carry(self, steps: int) -> None:
         """Keep the memory after ``steps`` steps for the next rollout."""
@@ -212,11 +224,12 @@ class Body:
         """Create the activation buffers."""
         shape = (len(parameters.seeds), slots, lanes, HIDDEN)
         self.outputs = [torch.zeros(shape, device=parameters.device) for _ in self.layers]
+        self._slots = [output.unbind(1) for output in self.outputs]
 
     def step(self, t: int, x: Tensor) -> Tensor:
         """Fill slot ``t`` from x (S, L, in); returns the features (S, L, H)."""
-        for layer, output in zip(self.layers, self.outputs, strict=True):
-            x = layer.forward(x, out=output[:, t])
+        for layer, slots in zip(self.layers, self._slots, strict=True):
+            x = layer.forward(x, out=slots[t])
         return x
 
     def all_slots(self, x: Tensor) -> Tensor:

@@ -10,10 +10,9 @@ from dataclasses import dataclass
 
 import torch
 from torch import Tensor
-from torch.nn import functional
 
 from bgn.agents.hyperparameters import Hyperparameters
-from bgn.agents.layers import HIDDEN, Body, Dense, Lookup, Recurrence
+from bgn.agents.layers import EMBEDDING, HIDDEN, Body, Dense, Lookup, Recurrence, one_hot
 from bgn.agents.parameters import Parameters, normal, orthogonal, uniform_fan_in
 from bgn.agents.specs import AgentSpec, InputKind
 from bgn.domains.domain import Domain
@@ -81,14 +80,15 @@ class Memory:
         width = sight.belief_width if belief else 0
         self.belief_input = torch.zeros(seeds, slots, lanes, width, device=device)
         self.belief = self.belief_input[..., max(0, width - sight.n_hidden) :]
+        indexed = (self.observation, self.last_action, self.state, self.fresh)
+        self._slots = list(zip(*(b.unbind(1) for b in indexed), strict=True))
 
     def write(self, t: int, inputs: Inputs) -> None:
         """Copy the world's (S*L,) inputs into slot ``t``."""
-        shape = self.observation[:, t].shape
-        self.observation[:, t] = inputs.observation.view(shape)
-        self.last_action[:, t] = inputs.last_action.view(shape)
-        self.state[:, t] = inputs.state.view(shape)
-        self.fresh[:, t] = inputs.fresh.view(shape)
+        shape = self._slots[t][0].shape
+        given = (inputs.observation, inputs.last_action, inputs.state, inputs.fresh)
+        for slot, value in zip(self._slots[t], given, strict=True):
+            slot.copy_(value.view(shape))
         if self.belief_input.shape[-1]:
             self.belief[:, t] = inputs.belief.view(*shape, -1)
             if self.sight.observed is not None:
@@ -99,10 +99,10 @@ class Memory:
     def one_hot(self, steps: int) -> Tensor:
         """Mark observation and last action of the first ``steps`` slots; (S, T*L, Ω + A + 1) float32."""
         parts = (
-            functional.one_hot(self.observation[:, :steps], self.sight.n_observations),
-            functional.one_hot(self.last_action[:, :steps], self.sight.n_actions + 1),
+            one_hot(self.observation[:, :steps], self.sight.n_observations),
+            one_hot(self.last_action[:, :steps], self.sight.n_actions + 1),
         )
-        return torch.cat(parts, -1).flatten(1, 2).float()
+        return torch.cat(parts, -1).flatten(1, 2)
 
 
 def belief_input(sight: Sight, inputs: Inputs, seeds: int) -> Tensor:
@@ -133,7 +133,7 @@ class Branch:
         self.recurrence = recurrence
         self._embedded_state = kind == "state" and sight.state is None
         if self._embedded_state:
-            parameters.declare(f"{name}.state", (sight.n_states, 128), normal)
+            parameters.declare(f"{name}.state", (sight.n_states, EMBEDDING), normal)
         self.body = Body(parameters, f"{name}.body", self._input_width(), layers)
         self.head = Dense(parameters, f"{name}.head", HIDDEN, outputs, weight=orthogonal(gain))
         self.grounding: Dense | None = None
@@ -148,7 +148,7 @@ class Branch:
             return HIDDEN
         if self.kind == "belief":
             return self.sight.belief_width
-        return 128 if self.sight.state is None else self.sight.state.shape[1]
+        return EMBEDDING if self.sight.state is None else self.sight.state.shape[1]
 
     def allocate(self, slots: int, lanes: int) -> None:
         """Create the activation buffers."""
@@ -215,7 +215,7 @@ class Branch:
         wanted = self.recurrence is not None or self._embedded_state
         d_inputs = self.body.backward(inputs, d, steps, want_dx=wanted)
         if self._embedded_state and d_inputs is not None:
-            marks = functional.one_hot(memory.state[:, :steps].flatten(1, 2), self.sight.n_states).float()
+            marks = one_hot(memory.state[:, :steps].flatten(1, 2), self.sight.n_states)
             torch.bmm(marks.transpose(1, 2), d_inputs, out=self.parameters.gradient(f"{self.name}.state"))
         return d_inputs
 

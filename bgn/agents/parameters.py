@@ -114,7 +114,8 @@ class Parameters:
         """L2 norm of each seed's part of a buffer of this layout: (S,)."""
         views = _views(buffer, len(self.seeds), self._shapes).values()
         parts = [torch.linalg.vector_norm(view.flatten(1), dim=1) for view in views]
-        norms: Tensor = torch.linalg.vector_norm(torch.stack(parts), dim=0)
+        # Along rows: down columns, torch adds up one seed's parts in another order alone than beside others.
+        norms: Tensor = torch.linalg.vector_norm(torch.stack(parts, 1), dim=1)
         return norms
 
     @property

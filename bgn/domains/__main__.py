@@ -1,4 +1,4 @@
-"""Command line of the domains: ``python -m bgn.domains list|write``."""
+"""Command line of the domains: ``python -m bgn.domains list|write|compile|render``."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from bgn.domains import _files, _overview
+from bgn.domains import _files, _overview, _robot_commands
 
 if TYPE_CHECKING:
     Commands = argparse._SubParsersAction[argparse.ArgumentParser]
@@ -52,7 +52,12 @@ def _write(options: argparse.Namespace) -> None:
 
 
 #: A command is a function that adds its parser, with ``run`` set to what it does.
-COMMANDS: tuple[Callable[[Commands], None], ...] = (_add_list, _add_write)
+COMMANDS: tuple[Callable[[Commands], None], ...] = (
+    _add_list,
+    _add_write,
+    _robot_commands.add_compile,
+    _robot_commands.add_render,
+)
 
 if __name__ == "__main__":
     sys.exit(main())

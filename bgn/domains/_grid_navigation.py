@@ -15,6 +15,7 @@ from math import prod
 
 import numpy as np
 
+from bgn.domains._layout import GridLayout
 from bgn.pomdp.model import MOMDP, POMDP, sparse_rows
 
 HEADINGS = ("N", "E", "S", "W")
@@ -117,6 +118,20 @@ def build_model(corridors: CorridorMap, landmarks: Sequence[int] = ()) -> MOMDP:
             action_names=ACTIONS,
             observation_names=observation_names(len(landmarks)),
         )
+    )
+
+
+def build_layout(corridors: CorridorMap) -> GridLayout:
+    """Return where the states of a map lie."""
+    n_states = 4 * len(corridors.cells)
+    return GridLayout(
+        shape=(len(corridors.rows), max(map(len, corridors.rows))),
+        cells=corridors.cells,
+        positions=np.repeat(np.array(corridors.cells), 4, axis=0),
+        headings=np.tile(np.arange(4), len(corridors.cells)),
+        goal=corridors.cells[corridors.goal],
+        rocks=(),
+        qualities=np.zeros((n_states, 0), dtype=np.bool_),
     )
 
 

@@ -78,7 +78,7 @@ def load(stem: Path) -> Outcomes:
     remedy = "recompile it with `python -m bgn.domains compile --force`"
     try:
         header = Header(**json.loads(stem.with_suffix(".json").read_text()))
-        with np.load(stem.with_suffix(".npz")) as arrays:
+        with stem.with_suffix(".npz").open("rb") as file, np.load(file) as arrays:
             reading, pushed = arrays["reading"], arrays["pushed"]
     except FileNotFoundError as error:
         raise OutcomesError(f"no compiled table {error.filename}; {remedy}") from None

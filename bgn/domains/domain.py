@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from bgn.domains._layout import GridLayout
 from bgn.pomdp.model import MOMDP
 
 
@@ -46,3 +47,5 @@ class Domain:
     """(X, Y) start belief given x where a variant's belief differs from its sampler; ``None``: Bayes."""
     elimination: NDArray[np.bool_] | None = None
     """(X, Y) hidden parts an elimination belief keeps on seeing x; ``None``: the exact filter."""
+    layout: GridLayout | None = None
+    """Where the states lie on a map, for pictures."""

@@ -6,7 +6,7 @@ as one state (57).
 
 from __future__ import annotations
 
-from bgn.domains._grid_navigation import CorridorMap, build_model
+from bgn.domains._grid_navigation import CorridorMap, build_layout, build_model
 from bgn.domains.domain import Domain
 from bgn.domains.registry import register
 
@@ -33,4 +33,5 @@ def hallway() -> Domain:
         training_discount=0.95,
         report_discount=0.95,
         hidden_first_action=True,
+        layout=build_layout(MAP),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 import pkgutil
 from collections.abc import Callable
 from functools import cache, lru_cache
@@ -50,12 +51,17 @@ def get(domain_id: str, **variant: str | int | float | bool) -> Domain:
     """
     if domain_id not in ids():
         raise UnknownDomainError(f"unknown domain {domain_id!r}; known: {', '.join(ids())}")
-    return _BUILDERS[domain_id](**variant)
+    builder = _BUILDERS[domain_id]
+    known = inspect.signature(builder).parameters
+    for name in variant:
+        if name not in known:
+            raise ValueError(f"{domain_id} has no variant {name!r}; known: {', '.join(known) or 'none'}")
+    return builder(**variant)
 
 
 @cache
 def _discover() -> None:
     package = importlib.import_module("bgn.domains")
     for module in pkgutil.iter_modules(package.__path__):
-        if not module.name.startswith("_"):
+        if not (module.ispkg or module.name.startswith("_")):
             importlib.import_module(f"bgn.domains.{module.name}")

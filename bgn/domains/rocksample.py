@@ -13,6 +13,7 @@ from math import dist, log
 
 import numpy as np
 
+from bgn.domains._layout import GridLayout
 from bgn.domains.domain import Domain
 from bgn.domains.registry import register
 from bgn.pomdp.model import MOMDP, POMDP, sparse_rows
@@ -159,6 +160,23 @@ def build_model(instance: RockSample) -> MOMDP:
     )
 
 
+def build_layout(instance: RockSample) -> GridLayout:
+    """Return where the states of an instance lie, north up; the terminal state is off the map."""
+    n, k = instance.n, len(instance.rocks)
+    cell, m = np.divmod(np.arange(instance.terminal), instance.n_qualities)
+    positions = np.stack([n - 1 - cell % n, cell // n], axis=1)
+    bits = m[:, None] & np.array([instance.bit(rock) for rock in range(k)], dtype=np.int64)
+    return GridLayout(
+        shape=(n, n),
+        cells=tuple((row, column) for row in range(n) for column in range(n)),
+        positions=np.concatenate([positions, [[-1, -1]]]),
+        headings=None,
+        goal=None,
+        rocks=tuple((n - 1 - y, x) for x, y in instance.rocks),
+        qualities=np.concatenate([bits > 0, np.zeros((1, k), dtype=np.bool_)]),
+    )
+
+
 def rocksample(
     n: int,
     rocks: Sequence[Cell],
@@ -191,6 +209,7 @@ def rocksample(
         training_discount=DISCOUNT,
         report_discount=DISCOUNT,
         hidden_first_action=True,
+        layout=build_layout(instance),
     )
 
 

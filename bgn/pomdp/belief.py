@@ -8,6 +8,7 @@ on, and starting over (``reset``). A filter that is told which of the two happen
 from __future__ import annotations
 
 import numpy as np
+from scipy import sparse
 
 from bgn.pomdp.model import MOMDP, POMDP, Floats
 
@@ -22,8 +23,8 @@ def update(
     """Return b'(s') ∝ O(s', a, o) Σ_s T(s, a, s') b(s), shape (S,) (paper, Eq. 1).
 
     ``belief`` is b(s), shape (S,); it need not be normalised. ``ended`` says whether this step ended the
-    episode, where the filter may know: False rules out the states in which the action ends it, True all
-    others, None (Eq. 1 to the letter) neither.
+    episode, where the filter may know: False rules out the states in which the action ends it, True makes the
+    arrival a new start, None (Eq. 1 to the letter) leaves both to T.
 
     Raises
     ------
@@ -35,8 +36,11 @@ def update(
     _check_belief(belief, model.n_states, "belief")
     _check_index(action, model.n_actions, "action")
     _check_index(observation, model.n_observations, "observation")
-    arrival = (belief * _possible(model, action, ended)) @ model.transitions[action]  # (S',)
-    return _posterior(model, slice(None), arrival, action, observation)
+    if ended:
+        arrival = model.start * (belief @ model.reset[action])  # (S',)
+    else:
+        arrival = (belief * _possible(model, action, ended)) @ model.transitions[action]
+    return _posterior(model, model.observations[action], arrival, action, observation)
 
 
 def update_hidden(
@@ -61,22 +65,25 @@ def update_hidden(
     _check_index(x, model.n_observed, "x")
     _check_index(x_next, model.n_observed, "x_next")
     here, there = slice(x * Y, (x + 1) * Y), slice(x_next * Y, (x_next + 1) * Y)
-    T = joint.transitions[action][here, there]  # (Y, Y')
-    arrival = (belief * _possible(joint, action, ended)[here]) @ T  # (Y',)
-    return _posterior(joint, there, arrival, action, observation)
+    if ended:
+        arrival = joint.start[there] * (belief @ joint.reset[action, here])  # (Y',)
+    else:
+        T = joint.transitions[action][here, there]  # (Y, Y')
+        arrival = (belief * _possible(joint, action, ended)[here]) @ T
+    return _posterior(joint, joint.observations[action][there], arrival, action, observation)
 
 
 def _possible(model: POMDP, action: int, ended: bool | None) -> Floats:
     """Return 1 for the states that what is known about the episode's end leaves possible; shape (S,)."""
     if ended is None:
         return np.ones(model.n_states)
-    possible: Floats = np.where(model.reset[action] == ended, 1.0, 0.0)
-    return possible
+    return np.where(model.reset[action], 0.0, 1.0)
 
 
-def _posterior(model: POMDP, states: slice, arrival: Floats, action: int, observation: int) -> Floats:
-    likelihood = model.observations[action][states, [observation]].toarray().ravel()
-    unnormalised: Floats = likelihood * arrival
+def _posterior(model: POMDP, O: sparse.csr_array, arrival: Floats, action: int, observation: int) -> Floats:
+    seen = np.zeros(model.n_observations)
+    seen[observation] = 1.0
+    unnormalised: Floats = (O @ seen) * arrival
     total = unnormalised.sum()
     if not total > 0:
         raise ImpossibleObservationError(

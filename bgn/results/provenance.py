@@ -10,7 +10,7 @@ import json
 import pathlib
 import platform
 import subprocess
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -21,13 +21,13 @@ from scipy import sparse
 import bgn
 from bgn.domains.domain import Domain
 
-#: Packages of ``bgn`` whose code can change a training run. Domains are missing on purpose: a run sees only
-#: their tables, which :func:`data_hash` covers.
-TRAINING_CODE = ("agents", "pomdp", "simulation", "training")
-#: What can change a run whose final policy is also evaluated in physics.
-PHYSICS_CODE = (*TRAINING_CODE, "domains")
-#: What can change a row of a reference policy.
-PLANNING_CODE = ("planning", "pomdp", "simulation")
+#: Where training starts. Domains are found at run time, not imported by name: a run sees only their tables,
+#: which :func:`data_hash` covers.
+TRAINING_CODE = "bgn.training.trainer"
+#: What a run whose final policy stays out of physics never calls.
+PHYSICS_CODE = "bgn.simulation.physics_world"
+#: Where the row of a reference policy starts.
+PLANNING_CODE = "bgn.planning.reference_rows"
 
 _PACKAGE = pathlib.Path(bgn.__file__).parent
 _RECORDED_VERSIONS = ("bgn", "torch", "numpy", "scipy", "mujoco", "numba")
@@ -60,10 +60,16 @@ def spec_json(spec: object) -> str:
     return json.dumps(spec, sort_keys=True, default=_plain)
 
 
-def code_hash(packages: Sequence[str] = TRAINING_CODE, *, root: pathlib.Path = _PACKAGE) -> str:
-    """Hash the sources of some packages of ``bgn``; comments, docstrings and layout do not count."""
-    sources = sorted(path for package in packages for path in (root / package).rglob("*.py"))
-    described = (f"{path.relative_to(root).as_posix()} {_module_hash(path)}" for path in sources)
+def code_hash(entry: str, *, without: str | None = None, root: pathlib.Path = _PACKAGE.parent) -> str:
+    """Hash the sources a module depends on: itself, what it imports from its own package, and so on.
+
+    Comments, docstrings and layout do not count; nor does the module ``without`` and what only it needs.
+    MuJoCo's XML files count where modules beside them do.
+    """
+    modules = _closure(entry, without, root)
+    scenes = {scene for path in modules.values() for scene in path.parent.glob("*.xml")}
+    described = [f"{name} {_module_hash(path)}" for name, path in sorted(modules.items())]
+    described += [f"{scene.name} {_digest(scene.read_bytes())}" for scene in sorted(scenes)]
     return _digest("\n".join(described).encode())
 
 
@@ -96,10 +102,44 @@ def _plain(value: Any) -> Any:
     raise TypeError(f"a specification cannot hold {type(value).__name__}: {value!r}")
 
 
+def _closure(entry: str, without: str | None, root: pathlib.Path) -> dict[str, pathlib.Path]:
+    """Return the modules under ``root`` that importing ``entry`` can lead to."""
+    found: dict[str, pathlib.Path] = {}
+    waiting = [entry]
+    while waiting:
+        name = waiting.pop()
+        path = _source(name, root)
+        if path is None or name in found or name == without:
+            continue
+        found[name] = path
+        waiting += [name.rpartition(".")[0], *_imports(path)]
+    return found
+
+
+def _source(module: str, root: pathlib.Path) -> pathlib.Path | None:
+    base = root.joinpath(*module.split("."))
+    candidates = (base.with_suffix(".py"), base / "__init__.py") if module else ()
+    return next((path for path in candidates if path.is_file()), None)
+
+
+@cache
+def _imports(path: pathlib.Path) -> tuple[str, ...]:
+    names: list[str] = []
+    for node in ast.walk(_parse(path)):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+    return tuple(names)
+
+
+def _parse(path: pathlib.Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
+
+
 @cache
 def _module_hash(path: pathlib.Path) -> str:
-    tree = ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
-    return _digest("\n".join(_syntax(tree)).encode())
+    return _digest("\n".join(_syntax(_parse(path))).encode())
 
 
 def _syntax(node: ast.AST) -> Iterator[str]:

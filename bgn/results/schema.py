@@ -8,12 +8,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, Final, Literal
 
 import pandas as pd
 import pyarrow as pa
 
 Columns = Mapping[str, pa.DataType]
+
+#: How an episode of a reference policy opens: it chooses every action, or an unseen random one comes first.
+Convention = Literal["clean", "hidden-first-action"]
+CLEAN: Final = "clean"
+HIDDEN: Final = "hidden-first-action"
 
 _TEXT, _INT, _REAL, _FLAG = pa.string(), pa.int64(), pa.float64(), pa.bool_()
 _TIME = pa.timestamp("us", tz="UTC")
@@ -31,7 +36,7 @@ REFERENCE_IDENTITY: Columns = {
     "run": _TEXT,
     "domain": _TEXT,
     "reference": _TEXT,
-    "convention": _TEXT,  # "clean" or "hidden-first-action"
+    "convention": _TEXT,
     "seed": _INT,
     "budget": _TEXT,
     "preset": _TEXT,

@@ -108,11 +108,11 @@ def write_parquet(path: pathlib.Path, table: pa.Table) -> None:
     write_atomically(path, lambda partial: pq.write_table(table, partial, compression="zstd"))
 
 
-def write_text(path: pathlib.Path, text: str) -> None:
-    """Write a text file in one atomic step."""
+def write_bytes(path: pathlib.Path, content: bytes) -> None:
+    """Write a file in one atomic step."""
 
     def write(partial: pathlib.Path) -> None:
-        partial.write_text(text, encoding="utf-8")
+        partial.write_bytes(content)
 
     write_atomically(path, write)
 

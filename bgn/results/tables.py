@@ -11,9 +11,8 @@ import pandas as pd
 from bgn.results import paper
 from bgn.results.cells import DomainRow
 from bgn.results.grids import BLANK, Grid, plus_minus
+from bgn.results.schema import CLEAN, HIDDEN
 from bgn.results.verdicts import Verdict
-
-CLEAN, HIDDEN = "clean", "hidden-first-action"
 
 _MARKS = {
     Verdict.REPRODUCED: "=",
@@ -159,7 +158,7 @@ def success_rates(evidence: Evidence) -> Grid:
     """Return the success rates of the robot domains (paper, Figures 4 and 8, which print no numbers)."""
     rows = []
     for domain in evidence.family("robot"):
-        random = _text(evidence.reference(domain.id, "random", CLEAN), "success", "success_se", scale=_CI)
+        random = _text(evidence.reference(domain.id, "random", CLEAN), "return", "return_se", scale=_CI)
         rows.append([domain.title, "ours", *_cells(evidence, domain, _mean_sd), random, "1.00"])
         physics = [_physics(evidence, domain.id, agent) for agent in evidence.agents]
         if any(text != BLANK for text in physics):
@@ -181,12 +180,11 @@ def reference_policies(evidence: Evidence) -> Grid:
     """Return every reference policy under both conventions."""
     rows = []
     for domain in evidence.domains:
-        metric = "return" if domain.family == "classic" else "success"
         title = domain.title
         for policy, name in evidence.policies.items():
             found = [evidence.reference(domain.id, policy, start) for start in (CLEAN, HIDDEN)]
             if any(row is not None for row in found):
-                texts = [_text(row, metric, f"{metric}_se", scale=_CI, digits=3) for row in found]
+                texts = [_text(row, "return", "return_se", scale=_CI, digits=3) for row in found]
                 printed = _printed(paper.REFERENCE_RETURNS.get((domain.id, policy)))
                 rows.append([title, name, *texts, printed])
                 title = ""

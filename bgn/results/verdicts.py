@@ -60,14 +60,14 @@ def judge_numbers(
 
 
 def difference_p(ours: Sample, printed: Printed) -> float:
-    """Return the largest Welch p-value over all means and deviations that print as the paper's."""
+    """Return the largest Welch p-value over the means and extreme deviations that print as the paper's."""
     low, high = _rounding(printed.mean)
     nearest = min(max(ours.mean, low), high)
     return max(welch_p(ours, Sample(nearest, sd, paper.SEEDS)) for sd in _deviations(printed))
 
 
 def rounded_equivalence_p(ours: Sample, printed: Printed, *, tolerance: float) -> float:
-    """Return the largest TOST p-value over all means and deviations that print as the paper's."""
+    """Return the largest TOST p-value over the extreme means and deviations that print as the paper's."""
     corners = itertools.product(_rounding(printed.mean), _deviations(printed))
     theirs = [Sample(mean, sd, paper.SEEDS) for mean, sd in corners]
     return max(equivalence_p(ours, sample, tolerance=tolerance) for sample in theirs)

@@ -28,6 +28,7 @@ INK: Final = "#2b2f38"
 FINGER: Final = "#f5b400"
 LEFT_BUMP: Final = "#c9302c"
 RIGHT_BUMP: Final = "#2f8f4e"
+TRUTH: Final = "#f26419"
 HEAT: Final = LinearSegmentedColormap.from_list("belief", ["#ffffff", "#9ecae8", "#2171b5", "#08306b"])
 DOTS_PER_INCH: Final = 100
 
@@ -55,7 +56,7 @@ def _draw_heights(panel: Any, domain: Domain, x: int, y: int, belief: Belief) ->
     heights = [int(name.rpartition("-")[2]) for name in names]
     levels = domain.model.n_observed // top_plate.BINS
     axes.barh(heights, belief, color="#2171b5", height=0.72)
-    axes.barh(heights[y], 1, color="none", edgecolor=INK, height=0.9, linewidth=1, linestyle=":")
+    axes.barh(heights[y], 1, color="none", edgecolor=TRUTH, height=0.9, linewidth=1.2)
     axes.plot(0.97, x // top_plate.BINS, marker="<", color=FINGER, markersize=9, markeredgecolor=INK)
     axes.set(xlim=(0, 1), ylim=(-0.6, levels - 0.4), yticks=range(0, levels, 2), xticks=(0, 0.5, 1))
     axes.set_ylabel("level", fontsize=8, color=INK, labelpad=1)
@@ -73,7 +74,7 @@ def _draw_pairs(panel: Any, domain: Domain, x: int, y: int, belief: Belief) -> N
     b1, b2 = two_bumps_1d.PAIRS[y]
     finger = x // two_bumps_1d.BINS
     axes.plot((0, cells - 1), (0, cells - 1), color="#b9bdc6", linewidth=0.8, zorder=1)
-    axes.add_patch(Rectangle((b1 - 0.5, b2 - 0.5), 1, 1, fill=False, edgecolor=INK, linewidth=1.4))
+    axes.add_patch(Rectangle((b1 - 0.5, b2 - 0.5), 1, 1, fill=False, edgecolor=TRUTH, linewidth=1.6))
     for position, colour in ((b1, LEFT_BUMP), (b2, RIGHT_BUMP), (finger, FINGER)):
         axes.plot(
             position, position, "o", color=colour, markersize=6, markeredgecolor=INK, markeredgewidth=0.6
@@ -92,9 +93,7 @@ def _draw_cells(panel: Any, domain: Domain, x: int, y: int, belief: Belief) -> N
         chance = np.bincount(pairs[:, bump], weights=belief, minlength=side * side).reshape(side, side)
         axes.imshow(chance, cmap=HEAT, vmin=0, vmax=max(float(chance.max()), 1e-9), origin="lower")
         row, column = divmod(int(pairs[y, bump]), side)
-        axes.plot(
-            column, row, "o", color="none", markeredgecolor=LEFT_BUMP, markersize=14, markeredgewidth=1.6
-        )
+        axes.plot(column, row, "o", color="none", markeredgecolor=TRUTH, markersize=14, markeredgewidth=1.6)
         axes.plot(finger[1], finger[0], "o", color=FINGER, markersize=7, markeredgecolor=INK)
         axes.set(xticks=np.arange(-0.5, side), yticks=np.arange(-0.5, side), xticklabels=[], yticklabels=[])
         axes.grid(color="#d5d8de", linewidth=0.6)

@@ -14,14 +14,14 @@ from PIL import ImageDraw, ImageFont
 
 from bgn.domains.domain import Domain
 from bgn.domains.physics.camera import Camera
-from bgn.simulation.belief_panels import Belief, Image, draw_panels
+from bgn.simulation.belief_panels import FINGER, LEFT_BUMP, RIGHT_BUMP, TRUTH, Belief, Image, draw_panels
 from bgn.simulation.physics_world import Moment, PhysicsWorld, Policy
 
 #: Pixels (width, height) of the scene, and the side of its belief panel.
 SIZES: Final = {
     "top-plate": ((400, 480), 240),
-    "two-bumps-1d": ((820, 300), 250),
-    "two-bumps-2d": ((560, 460), 290),
+    "two-bumps-1d": ((820, 440), 220),
+    "two-bumps-2d": ((560, 460), 340),
 }
 FRAMES_PER_MOVE: Final = 5
 FRAME_MILLISECONDS: Final = 90
@@ -125,8 +125,23 @@ def save_gif(film: Film, path: Path) -> None:
             pictures.append(picture)
     durations = [FRAME_MILLISECONDS] * len(pictures)
     durations[-1] = LAST_MILLISECONDS
-    palette = [p.quantize(128, dither=Pillow.Dither.NONE) for p in pictures]
-    palette[0].save(path, save_all=True, append_images=palette[1:], duration=durations, loop=0)
+    palette = _palette(pictures)
+    frames = [p.quantize(palette=palette, dither=Pillow.Dither.NONE) for p in pictures]
+    frames[0].save(path, save_all=True, append_images=frames[1:], duration=durations, loop=0)
+
+
+def _palette(pictures: Sequence[Pillow.Image]) -> Pillow.Image:
+    """Choose 256 colours for all pictures; the small coloured marks count as much as the large surfaces."""
+    first, last = pictures[0], pictures[-1]
+    swatch = 24
+    sample = Pillow.new("RGB", (first.width, 2 * first.height + swatch))
+    sample.paste(first, (0, 0))
+    sample.paste(last, (0, first.height))
+    marks: tuple[str | tuple[int, int, int], ...] = (FINGER, LEFT_BUMP, RIGHT_BUMP, TRUTH, GOOD, BAD)
+    for i, colour in enumerate(marks):
+        left, right = (round(k * first.width / len(marks)) for k in (i, i + 1))
+        sample.paste(colour, (left, 2 * first.height, right, sample.height))
+    return sample.quantize(256)
 
 
 def save_strip(film: Film, path: Path, columns: int = STRIP_COLUMNS) -> None:
@@ -142,7 +157,7 @@ def save_strip(film: Film, path: Path, columns: int = STRIP_COLUMNS) -> None:
 
 
 def _column(domain: Domain, number: int, shot: Shot) -> Pillow.Image:
-    (width, height), side = SIZES[domain.id]
+    (width, height), _ = SIZES[domain.id]
     scene = Pillow.fromarray(shot.frames[-1])
     wide = 300
     scene = scene.resize((wide, round(height * wide / width)), Pillow.Resampling.LANCZOS)

@@ -6,7 +6,7 @@ A policy is trained on tables that were compiled from this physics; here it acts
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, TypedDict
+from typing import Any, Protocol, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bgn import domains
 from bgn.domains.domain import Domain
 from bgn.pomdp.belief import update_hidden
-from bgn.simulation._tasks import Step, draw_start, make_task
+from bgn.simulation._tasks import Step, Task, draw_start, make_task
 
 Floats = NDArray[np.float64]
 
@@ -72,8 +72,7 @@ class PhysicsWorld:
         self.domain = domain
         self.task = make_task(domain)
         self.scene = self.task.scene
-        rows = domain.model.joint.observations[0].indices  # one observation per joint state
-        self._seen = rows[:: domain.model.n_hidden]  # (X,)
+        self._seen = observations(domain)
         self._y = -1
         self._now: Moment | None = None
 
@@ -159,27 +158,29 @@ def evaluate_in_physics(
     """
     if episodes < 1:
         raise ValueError(f"an evaluation needs episodes >= 1, not {episodes}")
-    world = PhysicsWorld(domains.get(domain_id, **variant))
-    rng = np.random.default_rng(seed)
-    finals = [run_episode(world, policy, rng) for _ in range(episodes)]
-    success = float(np.mean([final.success for final in finals]))
+    domain = domains.get(domain_id, **variant)
+    task, rng = make_task(domain), np.random.default_rng(seed)
+    results = np.array([play(domain, task, policy, rng) for _ in range(episodes)], dtype=np.float64)
+    success, length = results.mean(axis=0)
     return Evaluation(
-        success=success,
+        success=float(success),
         success_se=float(np.sqrt(success * (1 - success) / episodes)),
-        length=float(np.mean([final.steps for final in finals])),
+        length=float(length),
         episodes=episodes,
     )
 
 
-def run_episode(world: PhysicsWorld, policy: Policy, rng: np.random.Generator) -> Moment:
-    """Run one episode from a drawn start and return its last moment."""
-    moment = world.reset(rng)
+def play(domain: Domain, task: Task, policy: Policy, rng: np.random.Generator) -> tuple[bool, int]:
+    """Play one episode from a drawn start; return whether it succeeded, and its length."""
+    seen = observations(domain)
+    step, action = task.reset(*draw_start(domain, rng)), None
     policy.reset(rng)
-    action: int | None = None
-    while not (moment.ended or moment.truncated):
-        action = policy.act(moment.observation, action)
-        moment = world.step(action)
-    return moment
+    for length in range(1, domain.episode_limit + 1):
+        action = policy.act(int(seen[step.x]), action)
+        step = task.act(action)
+        if step.ended:
+            return step.success, length
+    return False, domain.episode_limit
 
 
 def compare_with_table(
@@ -190,25 +191,35 @@ def compare_with_table(
     ``pairs`` is how many different (x, y, action) were visited.
     """
     domain = domains.get(domain_id, **variant)
-    world, rng = PhysicsWorld(domain), np.random.default_rng(seed)
-    model, Y = domain.model, domain.model.n_hidden
-    moment, violations, visited = world.reset(rng), 0, set()
+    task, rng = make_task(domain), np.random.default_rng(seed)
+    joint, Y = domain.model.joint, domain.model.n_hidden
+    violations, visited = 0, set()
+    step, y, length = Step(0, ended=True), 0, 0
     for _ in range(steps):
-        if moment.ended or moment.truncated:
-            moment = world.reset(rng)
-        s, action = moment.x * Y + moment.y, _random_action(model.joint.n_actions, rng)
+        if step.ended or length == domain.episode_limit:
+            x, y = draw_start(domain, rng)
+            step, length = task.reset(x, y), 0
+        s, action = step.x * Y + y, _random_action(joint.n_actions, rng)
         visited.add((s, action))
-        moment = world.step(action)
-        ends = bool(model.joint.reset[action, s])
-        x_next = int(model.joint.transitions[action].indices[s]) // Y
-        reward = model.joint.expected_rewards[action, s]
-        same = moment.ended == ends and moment.success == (reward == 1) and (ends or moment.x == x_next)
-        violations += not same
+        step, length = task.act(action), length + 1
+        expected = Step(
+            x=step.x if joint.reset[action, s] else int(joint.transitions[action].indices[s]) // Y,
+            ended=bool(joint.reset[action, s]),
+            success=bool(joint.expected_rewards[action, s] == 1),
+        )
+        violations += step != expected
     return Comparison(steps=steps, violations=violations, pairs=len(visited))
 
 
+def observations(domain: Domain) -> NDArray[np.integer[Any]]:
+    """Return the observation of each x, shape (X,); a robot domain's depends on nothing else."""
+    rows = domain.model.joint.observations[0].indices  # one per joint state
+    seen: NDArray[np.integer[Any]] = rows[:: domain.model.n_hidden]
+    return seen
+
+
 def _random_action(n_actions: int, rng: np.random.Generator) -> int:
-    """Draw an action, the last one (a grasp, or the stiff move) rarely, so that episodes go deep."""
+    """Draw an action, the last one (a grasp, or a stiff move) rarely, so that episodes go deep."""
     weights = np.ones(n_actions)
     weights[-1] = 0.2
     return int(rng.choice(n_actions, p=weights / weights.sum()))

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -45,15 +46,28 @@ def train_cell(
 ) -> list[RunResult]:
     """Train and evaluate one run per seed.
 
-    With ``checkpoint``, progress is saved there every half minute and taken up from there if the file
-    exists; the result is bit-identical to an uninterrupted one.
+    Torch uses one thread meanwhile, so that the result does not depend on how many there are: run cells side
+    by side instead. With ``checkpoint``, progress is saved there every half minute and taken up from there if
+    the file exists; the result is bit-identical to an uninterrupted one.
 
     Raises
     ------
     CheckpointMismatchError
         The checkpoint was written for another specification or other seeds.
     """
-    return _Stack(spec, tuple(seeds), torch.device(device), checkpoint, on_progress).run()
+    with _one_thread():
+        return _Stack(spec, tuple(seeds), torch.device(device), checkpoint, on_progress).run()
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Keep to one thread: products and factorisations add up in an order that depends on the number."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
 
 
 class _Stack:

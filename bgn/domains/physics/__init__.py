@@ -6,6 +6,17 @@ Importing a domain's tables needs nothing of this package; it is imported where 
 import ctypes.util
 import os
 import sys
+from typing import Final
+
+REMEDY: Final = (
+    "off-screen rendering needs EGL (Debian: `apt install libegl1`) with MUJOCO_GL=egl, or OSMesa "
+    "(`apt install libosmesa6`) with MUJOCO_GL=osmesa; physics without pictures needs neither, "
+    "with MUJOCO_GL unset or `disable`"
+)
+
+
+class RenderingUnavailableError(OSError):
+    """No graphics on this machine; the message says what is missing."""
 
 
 def _choose_graphics() -> None:
@@ -19,4 +30,14 @@ def _choose_graphics() -> None:
             return
 
 
+def _load_mujoco() -> None:
+    """Import MuJoCo, which loads the graphics it was told to use."""
+    try:
+        import mujoco  # noqa: F401
+    except (AttributeError, RuntimeError) as error:  # what PyOpenGL and MuJoCo raise without the library
+        backend = os.environ.get("MUJOCO_GL")
+        raise RenderingUnavailableError(f"MUJOCO_GL={backend} does not work ({error}); {REMEDY}") from error
+
+
 _choose_graphics()
+_load_mujoco()

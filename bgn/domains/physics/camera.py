@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
 import time
 from typing import Any, Final
 
@@ -11,19 +12,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from bgn.domains.physics import REMEDY, RenderingUnavailableError
 from bgn.domains.physics.scene import FRAME_STEPS, TIMESTEP, Scene
 
 Image = NDArray[np.uint8]
 
 VIEW: Final = "talk"  # the camera every scene defines
-_REMEDY: Final = (
-    "off-screen rendering needs EGL (Debian: `apt install libegl1`) with MUJOCO_GL=egl, or OSMesa "
-    "(`apt install libosmesa6`) with MUJOCO_GL=osmesa, set before Python starts"
-)
-
-
-class RenderingUnavailableError(RuntimeError):
-    """No graphics on this machine; the message says what is missing."""
 
 
 class Camera:
@@ -31,12 +25,15 @@ class Camera:
 
     def __init__(self, scene: Scene, width: int = 640, height: int = 360) -> None:
         self._scene = scene
+        # Off-screen, MuJoCo clears and resolves its whole buffer for every picture.
+        scene.model.vis.global_.offwidth, scene.model.vis.global_.offheight = width, height
         try:
             self._renderer: Any = mujoco.Renderer(scene.model, height, width)
         except Exception as error:  # each OpenGL backend fails in its own way
-            backend = os.environ.get("MUJOCO_GL") or "glfw"
+            backend = getattr(getattr(mujoco, "GLContext", None), "__module__", "nothing")
             raise RenderingUnavailableError(
-                f"no OpenGL by MUJOCO_GL={backend} ({error or type(error).__name__}); {_REMEDY}"
+                f"no OpenGL by {backend}, which MuJoCo chose when it was first imported "
+                f"({error or type(error).__name__}); {REMEDY}"
             ) from error
 
     def frame(self) -> Image:
@@ -61,9 +58,11 @@ class Window:
             )
         import mujoco.viewer  # loads a window system
 
+        others = set(threading.enumerate())
         self._viewer: Any = mujoco.viewer.launch_passive(
             scene.model, scene.data, show_left_ui=False, show_right_ui=False
         )
+        self._threads = set(threading.enumerate()) - others
         self._viewer.cam.type = mujoco.mjtCamera.mjCAMERA_FIXED
         self._viewer.cam.fixedcamid = scene.model.camera(VIEW).id
         self._due = time.perf_counter()
@@ -76,5 +75,7 @@ class Window:
         self._viewer.sync()
 
     def close(self) -> None:
-        """Close the window."""
+        """Close the window and wait until it is gone: a Python that exits first would crash."""
         self._viewer.close()
+        for thread in self._threads:
+            thread.join(timeout=5)

@@ -35,7 +35,7 @@ SCENES: Final[dict[str, Callable[..., Scene]]] = {
 }
 
 
-class CompileError(RuntimeError):
+class CompileError(ValueError):
     """The physics of a scene is not a table: an outcome depends on the history, or nearly does."""
 
 

@@ -1,0 +1,96 @@
+"""Policies beside which the agents are judged, as rows of the tables."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+from bgn.domains import Domain
+from bgn.planning.alpha_vectors import AlphaVectors
+from bgn.planning.compiled import compile_model
+from bgn.planning.episodic import Convention, start_beliefs
+from bgn.planning.evaluate import evaluate
+from bgn.planning.policies import Policy, UniformRandom, always, informed, qmdp
+from bgn.planning.sarsop import solve
+
+#: A solve stops when the bounds are this close, if time allows.
+PRECISION = 1e-3
+_DRIVE_EAST = "east"
+
+
+def reference_ids(domain: Domain) -> tuple[str, ...]:
+    """Return the ids of the reference policies that make sense for a domain.
+
+    ``random``: uniform actions. ``sarsop``: near-optimal planning. ``qmdp``, ``fib``: greedy on the QMDP values and
+    on the fast informed bound. ``drive-east`` (RockSample): straight to the exit.
+    """
+    always_applicable = ("random", "sarsop", "qmdp", "fib")
+    return (*always_applicable, "drive-east") if domain.id.startswith("rocksample") else always_applicable
+
+
+def evaluate_reference(
+    reference_id: str,
+    domain: Domain,
+    *,
+    episodes: int,
+    seed: int,
+    convention: Convention = "clean",
+    timeout: float = 30.0,
+) -> dict[str, float]:
+    """Plan if need be (at most ``timeout`` CPU seconds), then simulate; the same seed gives the same episodes.
+
+    Returns ``return`` (discounted as the domain reports it), ``return_se``, ``return_sd``, ``success``, ``length``;
+    for ``sarsop`` also ``lower_bound`` and ``upper_bound`` of the optimum (at the model's discount, without the
+    episode limit), ``solve_seconds`` (CPU) and ``vectors``.
+
+    Raises
+    ------
+    ValueError
+        The reference does not apply to the domain, or the convention does not.
+    """
+    if reference_id not in reference_ids(domain):
+        known = ", ".join(reference_ids(domain))
+        raise ValueError(f"no reference policy {reference_id!r} for {domain.id}; known: {known}")
+    policy, metrics = _plan(reference_id, domain, convention, timeout)
+    outcome = evaluate(
+        domain.model,
+        policy,
+        episodes=episodes,
+        seed=seed,
+        convention=convention,
+        limit=domain.episode_limit,
+        discount=domain.report_discount,
+    )
+    return {
+        "return": outcome.mean,
+        "return_se": outcome.standard_error,
+        "return_sd": outcome.standard_deviation,
+        "success": outcome.success,
+        "length": outcome.length,
+        **metrics,
+    }
+
+
+def _plan(
+    reference_id: str, domain: Domain, convention: Convention, timeout: float
+) -> tuple[Policy, dict[str, float]]:
+    """Return a reference policy and what planning it said."""
+    model = domain.model
+    if reference_id == "random":
+        return UniformRandom(), {}
+    if reference_id == "drive-east":
+        return always(model.joint, _DRIVE_EAST), {}
+    if reference_id == "sarsop":
+        return _solve(domain, convention, timeout)
+    compiled = compile_model(model.joint, start_beliefs(model, convention))
+    return (qmdp if reference_id == "qmdp" else informed)(model.joint, compiled), {}
+
+
+@lru_cache(maxsize=8)
+def _solve(domain: Domain, convention: Convention, timeout: float) -> tuple[AlphaVectors, dict[str, float]]:
+    solution = solve(domain.model, precision=PRECISION, timeout=timeout, convention=convention)
+    return solution.policy, {
+        "lower_bound": solution.progress.lower,
+        "upper_bound": solution.progress.upper,
+        "solve_seconds": solution.progress.seconds,
+        "vectors": float(len(solution.policy)),
+    }

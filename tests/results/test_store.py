@@ -1,0 +1,85 @@
+from __future__ import annotations
+
+import pathlib
+
+import pandas as pd
+import pyarrow as pa
+import pytest
+
+from bgn.results.store import Store, StoreError, write_atomically, write_bytes
+
+RUN = "hallway/ah-ch+bgn/seed-3"
+
+
+def table(**columns: object) -> pa.Table:
+    return pa.Table.from_pylist([columns])
+
+
+def test_what_is_written_is_read(tmp_path: pathlib.Path) -> None:
+    store = Store(tmp_path)
+    store.write("runs", RUN, table(run=RUN, train_return=0.5))
+    store.write("runs", "top-plate/ah-ch/seed-0", table(run="top-plate/ah-ch/seed-0", physics_success=1.0))
+    frame = store.read("runs").set_index("run")
+    assert frame.loc[RUN, "train_return"] == 0.5
+    assert pd.isna(frame.loc[RUN, "physics_success"])
+    assert store.read("curves").empty
+
+
+def test_failure_stands_beside_an_older_result_until_success(tmp_path: pathlib.Path) -> None:
+    store = Store(tmp_path)
+    store.write("runs", RUN, table(run=RUN, status="ok", key="old"))
+    store.write_failure("runs", RUN, table(run=RUN, status="failed", key="new"))
+    assert sorted(store.read("runs")["status"]) == ["failed", "ok"]
+    store.write("runs", RUN, table(run=RUN, status="ok", key="new"))
+    assert store.read("runs")["key"].tolist() == ["new"]
+
+
+def test_interrupted_write_leaves_the_old_file(tmp_path: pathlib.Path) -> None:
+    path = tmp_path / "file"
+    write_bytes(path, b"old")
+
+    def torn(partial: pathlib.Path) -> None:
+        partial.write_text("ne")
+        raise OSError("disk full")
+
+    with pytest.raises(OSError, match="disk full"):
+        write_atomically(path, torn)
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_torn_writes_are_not_read_and_swept_up(tmp_path: pathlib.Path) -> None:
+    store = Store(tmp_path)
+    store.write("runs", RUN, table(run=RUN))
+    torn = store.shard("runs", RUN).with_name(".seed-4.parquet.123.partial")
+    torn.write_bytes(b"PAR1")
+    assert len(store.read("runs")) == 1
+    with store.lock():
+        assert not torn.exists()
+
+
+def test_unreadable_shard_is_named(tmp_path: pathlib.Path) -> None:
+    store = Store(tmp_path)
+    path = store.shard("runs", RUN)
+    path.parent.mkdir(parents=True)
+    path.write_bytes(b"not parquet")
+    with pytest.raises(StoreError, match=r"seed-3\.parquet.*delete the file"):
+        store.read("runs")
+
+
+def test_only_one_process_may_write(tmp_path: pathlib.Path) -> None:
+    store = Store(tmp_path)
+    with store.lock(), pytest.raises(StoreError, match="another process"), store.lock():
+        pass
+    with store.lock():
+        pass
+
+
+def test_checkpoints_of_a_cell_are_discarded_together(tmp_path: pathlib.Path) -> None:
+    store = Store(tmp_path)
+    kept = store.checkpoint("hallway/ah-cs", "k")
+    for path in (store.checkpoint("hallway/ah-ch", "a"), store.checkpoint("hallway/ah-ch", "b"), kept):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+    store.discard_checkpoints("hallway/ah-ch")
+    assert list(tmp_path.rglob("*.checkpoint")) == [kept]
