@@ -102,8 +102,11 @@ def draw(growths: Sequence[Growth], path: Path) -> None:
     for axes, growth in zip(figure.subplots(1, len(growths), sharey=True), growths, strict=True):
         for label, points in growth.lines.items():
             axes.loglog(*zip(*points, strict=True), marker="o", markersize=4, label=label)
+        values = sorted({x for points in growth.lines.values() for x, _ in points})
+        axes.set_xticks(values, [f"{x:,}" for x in values])
+        axes.minorticks_off()
         axes.set_xlabel(growth.axis)
-        axes.grid(alpha=0.3, which="both")
+        axes.grid(alpha=0.3)
         axes.legend(frameon=False, fontsize=8)
     figure.axes[0].set_ylabel("environment steps per CPU-second")
     figure.savefig(path, dpi=130)
