@@ -194,7 +194,7 @@ class _BeliefTracker:
         self.x = x_next
 
     def _arrival(self, probability: NDArray[np.float64], observation: int, action: int) -> int:
-        """Return the observed part that an observation leaves possible among states of these probabilities."""
+        """Return the x that an observation leaves possible among states of these probabilities."""
         if self._model.n_observed == 1:
             return 0
         seen = self._model.joint.observations[action][:, [observation]].toarray()[:, 0]

@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 
 
 def start_belief(domain: Domain, x: int) -> Floats:
-    """Return the belief b_Y (Y,) at a start x: the variant's prior, or else Bayes on the start distribution."""
+    """Return the belief b_Y (Y,) at a start x: the variant's prior, or Bayes on the start distribution."""
     if domain.prior is not None:
         return np.array(domain.prior[x])
     joint = domain.model.joint.start.reshape(-1, domain.model.n_hidden)[x]

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from bgn import domains
 from bgn.domains.domain import Domain
 from bgn.simulation._tasks import Step, Task, draw_start, make_task
+from bgn.simulation.belief_rules import next_belief, start_belief
 
 Floats = NDArray[np.float64]
 
