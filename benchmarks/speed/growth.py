@@ -29,6 +29,7 @@ INSTANCES = {
 BASELINE_STATES = 1000
 SEEDS = (1, 2, 3, 5, 10)
 LANES = (4, 8, 16, 32, 64)
+BASELINE = "baseline, ah-ch+bgn"
 AGENT_IDS = ("ah-ch+bgn", "ah-ch", "ab-cb")
 ROUNDS = 5
 
@@ -46,7 +47,7 @@ class Growth:
 def by_states() -> Growth:
     """RockSample[n,k] from 9 to 2,305 states, three seeds; the baseline has one."""
     settings = settings_of("rocksample-5-5")
-    lines: dict[str, Points] = {agent: [] for agent in AGENT_IDS} | {"baseline, ah-ch+bgn": []}
+    lines: dict[str, Points] = {label: [] for label in (*AGENT_IDS, BASELINE)}
     for n, rocks in INSTANCES.items():
         domain = rocksample(n, rocks)
         states = domain.model.n_hidden
@@ -56,7 +57,7 @@ def by_states() -> Growth:
         if states < BASELINE_STATES:
             baseline = Baseline(AGENTS["ah-ch+bgn"], domain, settings, seed=0)
             update, steps = partial(baseline.update, 0.01), settings.lanes * settings.rollout
-            lines["baseline, ah-ch+bgn"].append((states, rate(update, steps)))
+            lines[BASELINE].append((states, rate(update, steps)))
     return Growth("states", lines)
 
 
@@ -101,8 +102,11 @@ def draw(growths: Sequence[Growth], path: Path) -> None:
     for axes, growth in zip(figure.subplots(1, len(growths), sharey=True), growths, strict=True):
         for label, points in growth.lines.items():
             axes.loglog(*zip(*points, strict=True), marker="o", markersize=4, label=label)
+        values = sorted({x for points in growth.lines.values() for x, _ in points})
+        axes.set_xticks(values, [f"{x:,}" for x in values])
+        axes.minorticks_off()
         axes.set_xlabel(growth.axis)
-        axes.grid(alpha=0.3, which="both")
+        axes.grid(alpha=0.3)
         axes.legend(frameon=False, fontsize=8)
     figure.axes[0].set_ylabel("environment steps per CPU-second")
     figure.savefig(path, dpi=130)

@@ -29,7 +29,16 @@ STREAMS = (1, 8)
 
 
 def write(suite: Suite, document: Path = DOCUMENT) -> list[Path]:
-    """Fill in the document's blocks and draw its figure; returns the files written."""
+    """Fill in the document's blocks and draw its figure; returns the files written.
+
+    Raises
+    ------
+    SuiteError
+        The suite did not measure every cell, or the document lacks a block.
+    """
+    missing = {f"{d}/{a}" for d, a in _cells()} - {speed.cell for speed in suite.training}
+    if missing:
+        raise SuiteError(f"the suite lacks {', '.join(sorted(missing))}; `nox -s speed` measures all cells")
     text = document.read_text(encoding="utf-8")
     blocks = {
         "machine": _machine(suite),
@@ -78,8 +87,8 @@ def _machine(suite: Suite) -> str:
     peaks = [speed.peak_gflops for speed in suite.training]
     return (
         f"Measured on {day}: {what['processor']}, {what['cores']} cores, one thread, torch {what['torch']}. "
-        f"The calibration kernel took {min(kernels):.0f} to {max(kernels):.0f} µs during the suite, the large "
-        f"product ran at {min(peaks):.0f} to {max(peaks):.0f} GFLOP/s."
+        f"The calibration kernel took {min(kernels):.0f} to {max(kernels):.0f} µs during the suite, "
+        f"the large product ran at {min(peaks):.0f} to {max(peaks):.0f} GFLOP/s."
     )
 
 

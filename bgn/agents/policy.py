@@ -1,7 +1,7 @@
 """What a finished run leaves to be executed: the actor's parameters with what they were trained for.
 
 A saved history policy acts on observations and its own actions alone, as on a robot. Policies of belief
-agents act on the same inputs through an exact filter, so that they can be evaluated the same way.
+agents act on the same inputs through a belief filter, so that they can be evaluated the same way.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from bgn.agents.hyperparameters import Hyperparameters
 from bgn.agents.networks import AgentNetworks
 from bgn.agents.specs import agent
 from bgn.domains.domain import Domain
-from bgn.pomdp.belief import update_hidden
+from bgn.simulation.belief_rules import next_belief, start_belief
 from bgn.simulation.table_world import Inputs
 
 FORMAT = "bgn-policy-1"
@@ -86,7 +86,7 @@ class Policy:
             raise PolicyFileError(f"the policy lacks the parameters {', '.join(sorted(missing))}")
         self._networks.parameters.load(0, tensors)
         self._networks.prepare()
-        self._filter = _ExactFilter(domain) if self.spec.actor == "belief" else None
+        self._filter = _BeliefTracker(domain) if self.spec.actor == "belief" else None
         self.reset()
 
     @classmethod
@@ -170,7 +170,7 @@ def describe(path: Path) -> dict[str, Any]:
     return description
 
 
-class _ExactFilter:
+class _BeliefTracker:
     """Tracks (x, b_Y) from observations and actions, for policies that are functions of the belief."""
 
     def __init__(self, domain: Domain) -> None:
@@ -180,28 +180,22 @@ class _ExactFilter:
 
     def see(self, observation: int, last_action: int | None, *, fresh: bool) -> None:
         """Take in one observation; on an episode's first, start from the start distribution."""
-        model = self._model
-        start = model.joint.start.reshape(model.n_observed, model.n_hidden)
         if fresh:
-            self.x = 0 if model.n_observed == 1 else self._first_x(start, observation)
-            prior = start if self._domain.prior is None else self._domain.prior
-            self.belief = prior[self.x] / prior[self.x].sum()
+            self.x = self._arrival(self._model.joint.start, observation, action=0)
+            self.belief = start_belief(self._domain, self.x)
         if last_action is None or (fresh and not self._domain.hidden_first_action):
             return
-        x_next = self.x if model.n_observed == 1 else self._next_x(observation, last_action)
-        self.belief = update_hidden(
-            model, self.belief, last_action, observation, x=self.x, x_next=x_next, ended=False
+        here = slice(self.x * self._model.n_hidden, (self.x + 1) * self._model.n_hidden)
+        arrival = self.belief @ self._model.joint.transitions[last_action][here]
+        x_next = self._arrival(arrival, observation, last_action)
+        self.belief = next_belief(
+            self._domain, self.belief, last_action, observation, x=self.x, x_next=x_next
         )
         self.x = x_next
 
-    def _first_x(self, start: NDArray[np.float64], observation: int) -> int:
-        seen = self._model.joint.observations[0][:, [observation]].toarray().reshape(start.shape)
-        return int((start * seen).sum(axis=1).argmax())
-
-    def _next_x(self, observation: int, action: int) -> int:
-        """Return the observed part that the action led to: the one the observation leaves possible."""
-        model, Y = self._model, self._model.n_hidden
-        here = slice(self.x * Y, (self.x + 1) * Y)
-        arrival = (self.belief @ model.joint.transitions[action][here]).reshape(-1, Y)
-        seen = model.joint.observations[action][:, [observation]].toarray().reshape(-1, Y)
-        return int((arrival * seen).sum(axis=1).argmax())
+    def _arrival(self, probability: NDArray[np.float64], observation: int, action: int) -> int:
+        """Return the x that an observation leaves possible among states of these probabilities."""
+        if self._model.n_observed == 1:
+            return 0
+        seen = self._model.joint.observations[action][:, [observation]].toarray()[:, 0]
+        return int((probability * seen).reshape(self._model.n_observed, -1).sum(axis=1).argmax())

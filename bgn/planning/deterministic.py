@@ -168,21 +168,21 @@ def _grow(tables: _Tables, graph: _Graph, n_roots: int) -> tuple[int, int]:
     table = np.full(4 * capacity, -1, dtype=np.int64)
     n, edges, i = n_roots, 0, 0
     branch_x, branch_set = np.empty(n_hidden, dtype=np.int64), np.empty((n_hidden, n_words), dtype=np.uint64)
-    branch_w = np.empty(n_hidden)
+    branch_w, inside = np.empty(n_hidden), np.empty(n_hidden, dtype=np.int64)
     for i in range(n_roots):
         table[_find(graph, table, graph.x[i], graph.members[i], i)] = i
     i = 0
     while i < n:
-        total = 0.0
+        total, size = 0.0, 0
         for y in range(n_hidden):
             if graph.members[i, y >> 6] >> np.uint64(y & 63) & np.uint64(1):
                 total += tables.weights[y]
+                inside[size] = y
+                size += 1
         graph.weight[i] = total
         for a in range(n_actions):
             branches = 0
-            for y in range(n_hidden):
-                if not graph.members[i, y >> 6] >> np.uint64(y & 63) & np.uint64(1):
-                    continue
+            for y in inside[:size]:
                 p = tables.weights[y] / total
                 if tables.ends[graph.x[i], a, y]:
                     graph.rewards[i, a] += p * tables.rewards[graph.x[i], a, y]
@@ -273,13 +273,12 @@ def _follow(graph: _Graph, tables: _Tables, chosen: Ints, p: Floats) -> tuple[fl
     N, A = graph.rewards.shape
     reached = np.zeros(N)
     reached[: p.size] = p
-    squares = _end_squares(graph, tables, chosen)
     mean = square = length = 0.0
     for step in range(1, N + 2):
         at = np.flatnonzero(reached)
         a = chosen[at]
         mean += float(reached[at] @ graph.rewards[at, a])
-        square += float(reached[at] @ squares[at])
+        square += float(reached[at] @ _end_squares(graph, tables, at, a))
         length += step * float(reached[at] @ graph.ending[at, a])
         first, last = graph.edge_first[at * A + a], graph.edge_first[at * A + a + 1]
         edges = np.repeat(first - np.cumsum(last - first) + (last - first), last - first)
@@ -291,10 +290,9 @@ def _follow(graph: _Graph, tables: _Tables, chosen: Ints, p: Floats) -> tuple[fl
     raise PlanningError("the optimal policy never ends an episode")
 
 
-def _end_squares(graph: _Graph, tables: _Tables, chosen: Ints) -> Floats:
-    """E[reward²] of the chosen action of each belief, shape (N,)."""
-    Y = tables.weights.size
-    bits = np.unpackbits(graph.members.view(np.uint8), axis=1, bitorder="little")[:, :Y].astype(np.float64)
-    p = bits * tables.weights / graph.weight[:, None]
-    x = graph.x
-    return np.asarray((p * np.where(tables.ends[x, chosen], tables.rewards[x, chosen], 0.0) ** 2).sum(axis=1))
+def _end_squares(graph: _Graph, tables: _Tables, at: Ints, a: Ints) -> Floats:
+    """E[reward²] of action a at each of some beliefs."""
+    x, n_hidden = graph.x[at], tables.weights.size
+    bits = np.unpackbits(graph.members[at].view(np.uint8), axis=1, bitorder="little")[:, :n_hidden]
+    p = bits * tables.weights / graph.weight[at, None]
+    return np.asarray((p * np.where(tables.ends[x, a], tables.rewards[x, a], 0.0) ** 2).sum(axis=1))

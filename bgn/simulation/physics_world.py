@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from bgn import domains
 from bgn.domains.domain import Domain
-from bgn.pomdp.belief import update_hidden
 from bgn.simulation._tasks import Step, Task, draw_start, make_task
+from bgn.simulation.belief_rules import next_belief, start_belief
 
 Floats = NDArray[np.float64]
 
@@ -110,9 +110,13 @@ class PhysicsWorld:
         if not 0 <= action < n_actions:
             raise ValueError(f"action {action} is not in 0..{n_actions - 1}")
         step = self.task.act(action)
-        belief = now.belief if step.ended else next_belief(self.domain, now.belief, now.x, action, step.x)
+        belief = now.belief if step.ended else self._next_belief(now, action, step.x)
         self._now = self._moment(step, belief, steps=now.steps + 1)
         return self._now
+
+    def _next_belief(self, now: Moment, action: int, x_next: int) -> Floats:
+        observation = int(self._seen[x_next])
+        return next_belief(self.domain, now.belief, action, observation, x=now.x, x_next=x_next)
 
     def _moment(self, step: Step, belief: Floats, steps: int) -> Moment:
         return Moment(
@@ -126,24 +130,6 @@ class PhysicsWorld:
             success=step.success,
             steps=steps,
         )
-
-
-def start_belief(domain: Domain, x: int) -> Floats:
-    """Return the belief b_Y at a start x: the variant's prior, or else Bayes on the start distribution."""
-    if domain.prior is not None:
-        return np.array(domain.prior[x])
-    joint = domain.model.joint.start.reshape(-1, domain.model.n_hidden)[x]
-    return np.asarray(joint / joint.sum())
-
-
-def next_belief(domain: Domain, belief: Floats, x: int, action: int, x_next: int) -> Floats:
-    """Return b_Y after an action that went on to ``x_next``: exact, or by the variant's elimination."""
-    if domain.elimination is not None:
-        kept = belief * domain.elimination[x_next]
-        return np.asarray(kept / kept.sum())
-    model = domain.model
-    observation = int(model.joint.observations[action].indices[x_next * model.n_hidden])
-    return update_hidden(model, belief, action, observation, x=x, x_next=x_next, ended=False)
 
 
 def evaluate_in_physics(

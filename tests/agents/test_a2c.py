@@ -225,7 +225,7 @@ def test_rmsprop_is_torchs_with_a_joint_clip_for_each_seed():
 
 
 class NaiveScaler:
-    """One seed's reward wrapper, a step at a time: batches of Welford's update, as the authors' code keeps it."""
+    """One seed's reward wrapper, a step at a time: batches of Welford's update (authors' code)."""
 
     def __init__(self, lanes):
         self.returns, self.count, self.mean, self.variance = np.zeros(lanes), 1e-4, 0.0, 1.0

@@ -150,7 +150,7 @@ def test_parameters_refuse_what_does_not_fit():
         parameters.declare("actor.head.bias", (5,), torch.zeros)
     with pytest.raises(ValueError, match=r"'actor.head.bias' of shape \(4,\): expected \(5,\)"):
         parameters.load(0, {"actor.head.bias": torch.zeros(4)})
-    with pytest.raises(ValueError, match="'nose' of shape .*: expected no such parameter"):
+    with pytest.raises(ValueError, match=r"'nose' of shape .*: expected no such parameter"):
         parameters.load(0, {"nose": torch.zeros(4)})
 
 
