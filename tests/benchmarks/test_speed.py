@@ -44,7 +44,8 @@ def test_what_is_executed_is_hardly_more_than_what_is_needed(cell: tuple[str, st
     training = Training.of_cell(*cell)
     needed = multiply_adds(training.spec, training.domain, training.settings)
     asked = profiles.launches(training)
-    assert needed <= asked.multiply_adds / training.env_steps < 1.1 * needed
+    # Small products may be dispatched as something else: the critic's head has a single column.
+    assert 0.99 * needed < asked.multiply_adds / training.env_steps < 1.1 * needed
     assert 100 < asked.kernels < 2000
 
 
