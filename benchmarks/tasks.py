@@ -68,9 +68,8 @@ class ReferenceSpec:
 
 def evaluate_reference(spec: ReferenceSpec) -> Mapping[str, float]:
     """Evaluate a policy that is not trained, importing the planner only now, in the worker."""
-    from bgn.planning.reference_rows import evaluate_reference as evaluate
-
     from bgn import domains
+    from bgn.planning.reference_rows import evaluate_reference as evaluate
 
     return evaluate(
         spec.reference,

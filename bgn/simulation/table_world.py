@@ -126,7 +126,9 @@ class TableWorld:
             action = torch.full_like(state, A)
             function = self.tables.sensing.of_observed
             observation = torch.full_like(state, W) if function is None else function[observed]
-            belief = opening.prior[observed] if self.track_beliefs else self._no_belief(len(state))
+            belief = (
+                opening.prior.index_select(0, observed) if self.track_beliefs else self._no_belief(len(state))
+            )
         else:
             action = (variates[:, 1] * A).long().clamp_(max=A - 1)
             _, state = self._move(state, action, variates[:, 2])
@@ -134,7 +136,11 @@ class TableWorld:
             observation = self._observe(state, observed, action, variates[:, 3])
             assert opening.after_action is not None
             row = action * W + observation
-            belief = opening.after_action[row] if self.track_beliefs else self._no_belief(len(state))
+            belief = (
+                opening.after_action.index_select(0, row)
+                if self.track_beliefs
+                else self._no_belief(len(state))
+            )
         fresh = torch.ones_like(state, dtype=torch.bool)
         return Inputs(observation, action, observed, state, belief, fresh)
 
@@ -168,7 +174,7 @@ class TableWorld:
         dynamics = self.tables.dynamics
         pair = state * self.tables.n_actions + action
         if dynamics.width > 1:
-            pick = (u[:, None] >= dynamics.cumulative[pair]).sum(1)
+            pick = (u[:, None] >= dynamics.cumulative.index_select(0, pair)).sum(1)
             pair = pair * dynamics.width + pick
         return pair, dynamics.successor[pair]
 
@@ -182,7 +188,8 @@ class TableWorld:
         if sensing.of_observed is not None:
             return sensing.of_observed[observed]
         assert sensing.cumulative is not None
-        return (u[:, None] >= sensing.cumulative[action * self.tables.n_states + state]).sum(1)
+        row = action * self.tables.n_states + state
+        return (u[:, None] >= sensing.cumulative.index_select(0, row)).sum(1)
 
     def _filter(self, now: Inputs, action: Tensor, observed: Tensor, observation: Tensor) -> Tensor:
         """Condition the belief on x', o and the episode going on (Eq. 1; Appendix E)."""
@@ -193,21 +200,23 @@ class TableWorld:
             belief = self._predict(now, action, observed)
             if tables.sensing.likelihood is not None:
                 row = (action * tables.n_observed + observed) * tables.n_observations + observation
-                belief *= tables.sensing.likelihood[row]
+                belief *= tables.sensing.likelihood.index_select(0, row)
         # A lane whose episode just ended may hold an impossible belief; it is replaced, so only avoid 0/0.
         return belief.div_(belief.sum(1, keepdim=True).clamp_min_(torch.finfo(torch.float32).tiny))
 
     def _predict(self, now: Inputs, action: Tensor, observed: Tensor) -> Tensor:
         rule, Y = self.tables.filter, self.tables.n_hidden
         row = now.observed * self.tables.n_actions + action
-        mass = now.belief if rule.source is None else now.belief.gather(1, rule.source[row])
-        mass = mass * rule.weight[row]
+        mass = now.belief if rule.source is None else now.belief.gather(1, rule.source.index_select(0, row))
+        mass = mass * rule.weight.index_select(0, row)
         if rule.arrives is not None:
-            mass *= rule.arrives[row] == observed[:, None]
+            mass *= rule.arrives.index_select(0, row) == observed[:, None]
         if rule.listed > 1:
             mass = mass.view(-1, Y, rule.listed).sum(2)
         if rule.hubs is not None and rule.hub_weight is not None:
-            mass[:, rule.hubs] = torch.bmm(rule.hub_weight[row], now.belief[:, :, None])[:, :, 0]
+            mass[:, rule.hubs] = torch.bmm(rule.hub_weight.index_select(0, row), now.belief[:, :, None])[
+                :, :, 0
+            ]
         return mass
 
     def _no_belief(self, n: int) -> Tensor:
