@@ -69,7 +69,7 @@ def test_a_preset_takes_over_what_it_does_not_say() -> None:
     robot, theirs = (preset.hyperparameters("top-plate") for preset in (calibrated, authors))
     assert not robot.shared_recurrence
     assert theirs.shared_recurrence
-    assert robot.reward_scaling == theirs.reward_scaling
+    assert robot.learning_rate == theirs.learning_rate
 
 
 def test_cell_joins_budget_and_preset() -> None:
