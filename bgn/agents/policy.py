@@ -164,8 +164,11 @@ def describe(path: Path) -> dict[str, Any]:
             metadata = file.metadata() or {}
     except (OSError, safetensors.SafetensorError) as error:
         raise PolicyFileError(f"{path} is not a safetensors file: {error}") from error
-    description: dict[str, Any] = json.loads(metadata.get("bgn", "{}"))
-    if description.get("format") != FORMAT:
+    try:
+        description = json.loads(metadata.get("bgn", "{}"))
+    except json.JSONDecodeError:
+        description = None
+    if not isinstance(description, dict) or description.get("format") != FORMAT:
         raise PolicyFileError(f"{path} is not a policy of this project (format {FORMAT!r} expected)")
     return description
 
