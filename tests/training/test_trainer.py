@@ -137,10 +137,10 @@ def test_a_checkpoint_of_other_work_is_refused(tmp_path, monkeypatch):
     path = tmp_path / "stack.pt"
     train_cell(cell(updates=2), (0, 1), checkpoint=path)
     with pytest.raises(
-        CheckpointMismatchError, match=r"holds other seeds: \[0, 1\], not \[0, 2\]; delete it"
+        CheckpointMismatchError, match=r"is for other seeds: \[0, 1\], not \[0, 2\]; delete it"
     ):
         train_cell(cell(updates=2), (0, 2), checkpoint=path)
-    with pytest.raises(CheckpointMismatchError, match=r"holds other spec: .*'ah-ch\+bgn'.*'ah-ch'"):
+    with pytest.raises(CheckpointMismatchError, match=r"is for other spec: .*'ah-ch\+bgn'.*'ah-ch'"):
         train_cell(cell("ah-ch", updates=2), (0, 1), checkpoint=path)
 
 
