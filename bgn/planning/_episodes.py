@@ -141,7 +141,7 @@ def _draw(state: NDArray[np.uint64], first: int, last: int, to: Ints, cumulative
     return int(to[first])
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True, fastmath={"reassoc", "contract", "nsz"})  # type: ignore[untyped-decorator]
 def _choose(compiled: CompiledModel, rule: Rule, c: int, belief: Floats) -> int:
     """Return the action of the best alpha vector; nothing matters any more where there is no live belief."""
     action, best = 0, -np.inf

@@ -70,7 +70,15 @@ SLOT = np.dtype(
 )
 EDGE = np.dtype([("child", "i4"), ("p", "f8")], align=True)
 ALPHA = np.dtype(
-    [("belief_class", "i4"), ("action", "i4"), ("previous", "i4"), ("alive", "b1"), ("at", "i8")], align=True
+    [
+        ("belief_class", "i4"),
+        ("action", "i4"),
+        ("previous", "i4"),
+        ("alive", "b1"),
+        ("at", "i8"),
+        ("next_at", "i8"),  # where the vectors it goes on with begin, one a branch; -1: it repeats itself
+    ],
+    align=True,
 )
 POINT = np.dtype(
     # drop: how far the point lies below the plane through the corners
@@ -85,7 +93,9 @@ POINT = np.dtype(
     align=True,
 )
 
-NODES, BELIEFS, SLOTS, EDGES, ALPHAS, ALPHA_ENTRIES, POINTS, SUPPORTS, BACKUPS = range(9)
+(
+    *(NODES, BELIEFS, SLOTS, EDGES, ALPHAS, ALPHA_ENTRIES, ALPHA_NEXT, POINTS, SUPPORTS, BACKUPS),
+) = range(10)
 
 
 class Search(NamedTuple):
@@ -102,6 +112,7 @@ class Search(NamedTuple):
     edges: Records
     alphas: Records
     alpha_entries: Floats
+    alpha_next: NDArray[np.int32]
     alpha_newest: Ints  # (C,)
     default_alpha: Ints  # (C,) for observations that are impossible at the belief of a backup
     corner: Floats  # (L,) upper bounds of certain beliefs
@@ -145,7 +156,8 @@ def predict_states(model: CompiledModel, search: Search, c: int, b: Floats, a: i
     pair, first, w = c * model.n_actions + a, model.class_first[c], search.predicted
     for k in range(model.successor_first[pair], model.successor_first[pair + 1]):
         d = model.successor[k]
-        w[model.class_first[d] : model.class_first[d + 1]] = 0.0
+        for j in range(model.class_first[d], model.class_first[d + 1]):
+            w[j] = 0.0
     for j in range(b.size):
         if b[j] > 0.0:
             for e in range(model.t_first[a, first + j], model.t_first[a, first + j + 1]):
@@ -227,7 +239,8 @@ def add_sampled(model: CompiledModel, search: Search, c: int, b: Floats) -> int:
         search.counts[SLOTS] += 1
         node.slot, node.at = s, search.counts[BELIEFS]
         search.counts[BELIEFS] += b.size
-        search.beliefs[node.at : node.at + b.size] = b
+        for j in range(b.size):
+            search.beliefs[node.at + j] = b[j]
         slot = search.slots[s]
         slot.node, slot.alive, slot.support_at, slot.binned = i, True, -1, np.nan
         first = model.class_first[c]
@@ -402,7 +415,7 @@ def append_alpha(model: CompiledModel, search: Search, c: int, action: int) -> F
     k, n = search.counts[ALPHAS], model.class_first[c + 1] - model.class_first[c]
     search.counts[ALPHAS] += 1
     alpha = search.alphas[k]
-    alpha.belief_class, alpha.action, alpha.alive = c, action, True
+    alpha.belief_class, alpha.action, alpha.alive, alpha.next_at = c, action, True, -1
     alpha.at, alpha.previous = search.counts[ALPHA_ENTRIES], search.alpha_newest[c]
     search.counts[ALPHA_ENTRIES] += n
     search.alpha_newest[c] = k
@@ -416,11 +429,15 @@ def build_alpha(model: CompiledModel, search: Search, i: int, a: int) -> None:
     pair, first, w = c * model.n_actions + a, model.class_first[c], search.backward
     for k in range(model.successor_first[pair], model.successor_first[pair + 1]):
         d = model.successor[k]
-        w[model.class_first[d] : model.class_first[d + 1]] = 0.0
+        for j in range(model.class_first[d], model.class_first[d + 1]):
+            w[j] = 0.0
     edge = search.edge_first[search.nodes[i].slot, a] - model.branch_first[pair]
+    next_at = search.counts[ALPHA_NEXT]
     for k in range(model.branch_first[pair], model.branch_first[pair + 1]):
         d, child = model.branch_class[k], search.edges[edge + k].child
         chosen = search.nodes[child].alpha if child >= 0 else search.default_alpha[d]
+        search.alpha_next[search.counts[ALPHA_NEXT]] = chosen
+        search.counts[ALPHA_NEXT] += 1
         into = w[model.class_first[d] : model.class_first[d + 1]]
         seen = model.o_p[model.branch_at[k] : model.branch_at[k] + into.size]
         at = search.alphas[chosen].at
@@ -428,6 +445,7 @@ def build_alpha(model: CompiledModel, search: Search, i: int, a: int) -> None:
         for j in range(into.size):
             into[j] += seen[j] * alpha[j]
     new = append_alpha(model, search, c, a)
+    search.alphas[search.counts[ALPHAS] - 1].next_at = next_at
     for j in range(new.size):
         total = 0.0
         for e in range(model.t_first[a, first + j], model.t_first[a, first + j + 1]):
@@ -442,12 +460,17 @@ def log_point(model: CompiledModel, search: Search, i: int) -> None:
     slot = search.slots[node.slot]
     if slot.support_at < 0:
         b, at = belief_of(model, search, i), search.counts[SUPPORTS]
-        order = np.argsort(-b)  # the most probable state first: there another belief's ratio tends to fail
         n = 0
-        while n < b.size and b[order[n]] > 0.0:
-            search.support_state[at + n] = order[n]
-            search.support_inverse[at + n] = 1.0 / b[order[n]]
-            n += 1
+        for j in range(b.size):
+            if b[j] > 0.0:
+                # The most probable state first: there another belief's ratio tends to fail.
+                m = at + n
+                while m > at and search.support_inverse[m - 1] * b[j] > 1.0:
+                    search.support_state[m] = search.support_state[m - 1]
+                    search.support_inverse[m] = search.support_inverse[m - 1]
+                    m -= 1
+                search.support_state[m], search.support_inverse[m] = j, 1.0 / b[j]
+                n += 1
         slot.support_at, slot.support_size = at, n
         search.counts[SUPPORTS] += n
     if node.point >= 0:
@@ -635,7 +658,8 @@ def prune_alphas(model: CompiledModel, search: Search, delta: float) -> None:
             i = search.slots[s].node
             refresh_lower(search, i, belief_of(model, search, i))
             first[search.nodes[i].belief_class + 1] += 1
-    first = np.cumsum(first)
+    for c in range(1, first.size):
+        first[c] += first[c - 1]
     witnesses, fill = np.empty(first[-1], dtype=np.int64), first[:-1].copy()
     best = np.zeros(search.counts[ALPHAS], dtype=np.bool_)
     for s in range(n_slots):
@@ -645,7 +669,8 @@ def prune_alphas(model: CompiledModel, search: Search, delta: float) -> None:
             witnesses[fill[c]] = i
             fill[c] += 1
             best[search.nodes[i].alpha] = True
-    search.alpha_newest[:] = -1
+    for c in range(search.alpha_newest.size):
+        search.alpha_newest[c] = -1
     for k in range(search.counts[ALPHAS]):
         alpha = search.alphas[k]
         c = alpha.belief_class
@@ -669,10 +694,25 @@ def prune_points(model: CompiledModel, search: Search) -> None:
             enough = node.corner - point.drop + tolerance
             others = sawtooth(search, point.node, belief_of(model, search, point.node), enough, -1)
             point.alive = others >= enough
-    search.point_newest[:] = -1
+    for c in range(search.point_newest.size):
+        search.point_newest[c] = -1
     for k in range(search.counts[POINTS]):
         point = search.points[k]
         if point.alive:
             c = search.nodes[point.node].belief_class
             point.previous = search.point_newest[c]
             search.point_newest[c] = k
+
+
+@kernel
+def close_over(model: CompiledModel, search: Search, kept: NDArray[np.bool_]) -> None:
+    """Add the vectors that kept ones go on with, so that acting on the set is worth what it promises."""
+    for k in range(search.counts[ALPHAS] - 1, -1, -1):  # a vector only goes on with older ones
+        alpha = search.alphas[k]
+        if kept[k] and alpha.next_at >= 0:
+            pair = alpha.belief_class * model.n_actions + alpha.action
+            for n in range(model.branch_first[pair + 1] - model.branch_first[pair]):
+                kept[search.alpha_next[alpha.next_at + n]] = True
+        elif kept[k]:  # a blind policy goes on with itself; those come first, class by class
+            for c in range(model.class_first.size - 1):
+                kept[c * model.n_actions + alpha.action] = True

@@ -11,9 +11,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Literal
 
 import numpy as np
+from scipy import sparse
 
 from bgn.planning import _kernels as kernels
 from bgn.planning.alpha_vectors import AlphaVectors
@@ -67,6 +69,10 @@ class Sarsop:
     """
 
     def __init__(self, model: POMDP | MOMDP, convention: Convention = "clean") -> None:
+        warm_up()
+        self._begin(model, convention)
+
+    def _begin(self, model: POMDP | MOMDP, convention: Convention) -> None:
         self._began = time.process_time()
         self._joint = model.joint if isinstance(model, MOMDP) else model
         if self._joint.discount >= 1:
@@ -137,16 +143,21 @@ class Sarsop:
             yield
 
     def policy(self) -> AlphaVectors:
-        """Return the alpha vectors found, over the original states.
+        """Return the vectors that attain the lower bound, over the original states.
 
+        With every vector the set holds those it goes on with, so acting on it earns at least the lower bound (as the
+        episode limit allows).
         Entries outside a vector's class are the lowest value any policy can have, so every vector is a valid lower
         bound everywhere.
         """
-        kernels.mark_alive(self._model, self._search, self._roots)
-        kernels.prune_alphas(self._model, self._search, DELTA)
         search, model = self._search, self._model
-        alphas = search.alphas[: search.counts[kernels.ALPHAS]]
-        alphas = alphas[alphas["alive"]]
+        if not self._roots.size:  # the episode is over before it begins
+            return AlphaVectors(vectors=np.zeros((1, self._joint.n_states)), actions=np.zeros(1, dtype=np.int64))
+        self._root_bounds()
+        kept = np.zeros(search.counts[kernels.ALPHAS], dtype=np.bool_)
+        kept[search.nodes["alpha"][self._roots]] = True
+        kernels.close_over(model, search, kept)
+        alphas = search.alphas[: kept.size][kept]
         lowest = min(0.0, float(self._joint.expected_rewards.min())) / (1 - model.discount)
         vectors = np.full((alphas.size, self._joint.n_states), lowest)
         for vector, alpha in zip(vectors, alphas, strict=True):
@@ -166,17 +177,47 @@ class Sarsop:
     def _prune_if_due(self) -> None:
         counts = self._search.counts
         if counts[kernels.ALPHAS] >= self._prune_alphas_at:
-            kernels.mark_alive(self._model, self._search, self._roots)
-            kernels.prune_alphas(self._model, self._search, DELTA)
+            self._prune_alphas()
             alive = int(self._search.alphas["alive"][: counts[kernels.ALPHAS]].sum())
             self._prune_alphas_at = int(counts[kernels.ALPHAS]) + max(int(PRUNE_GROWTH * alive), 100)
         if counts[kernels.POINTS] >= self._prune_points_at:
-            kernels.prune_points(self._model, self._search)
+            self._prune_points()
             alive = int(self._search.points["alive"][: counts[kernels.POINTS]].sum())
             self._prune_points_at = int(counts[kernels.POINTS]) + max(alive, 500)
 
+    def _prune_alphas(self) -> None:
+        kernels.mark_alive(self._model, self._search, self._roots)
+        kernels.prune_alphas(self._model, self._search, DELTA)
+
+    def _prune_points(self) -> None:
+        kernels.prune_points(self._model, self._search)
+
     def _reserve(self, steps: int) -> None:
         self._search = _reserve(self._model, self._search, steps)
+
+
+@cache
+def warm_up() -> None:
+    """Load the kernels, compiling them if this machine has not yet: no part of any search's time."""
+    certain = sparse.csr_array(np.eye(2))
+    guess = POMDP(
+        transitions=(certain, certain),
+        observations=(sparse.csr_array(np.full((2, 2), 0.5)),) * 2,
+        rewards=np.eye(2)[:, :, None, None],
+        start=np.full(2, 0.5),
+        reset=np.zeros((2, 2), dtype=np.bool_),
+        discount=0.5,
+        state_names=("left", "right"),
+        action_names=("left", "right"),
+        observation_names=("either", "or"),
+    )
+    search = Sarsop.__new__(Sarsop)
+    search._begin(guess, "clean")
+    for _ in search.trials(1e-3):
+        pass
+    search._prune_alphas()
+    search._prune_points()
+    search.policy()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -234,6 +275,7 @@ _GROWING = {
     kernels.EDGES: ("edges",),
     kernels.ALPHAS: ("alphas",),
     kernels.ALPHA_ENTRIES: ("alpha_entries",),
+    kernels.ALPHA_NEXT: ("alpha_next",),
     kernels.POINTS: ("points",),
     kernels.SUPPORTS: ("support_state", "support_inverse"),
 }
@@ -241,7 +283,7 @@ _GROWING = {
 
 def _needs(model: CompiledModel, steps: int) -> dict[int, int]:
     """Return by how much each count can grow in a trial of that many steps."""
-    A, widest = model.n_actions, int(np.diff(model.class_first).max())
+    A, widest = model.n_actions, int(np.diff(model.class_first).max(initial=1))
     children = int(np.diff(model.branch_first[::A]).max(initial=0))
     return {
         kernels.NODES: steps * children + 1,
@@ -250,6 +292,7 @@ def _needs(model: CompiledModel, steps: int) -> dict[int, int]:
         kernels.EDGES: steps * children + 1,
         kernels.ALPHAS: steps + 1,
         kernels.ALPHA_ENTRIES: (steps + 1) * widest,
+        kernels.ALPHA_NEXT: (steps + 1) * children,
         kernels.POINTS: steps + 1,
         kernels.SUPPORTS: (steps + 1) * widest,
     }
@@ -280,7 +323,7 @@ def _allocate(model: CompiledModel) -> kernels.Search:
     L, A, C = model.n_live, model.n_actions, model.n_classes
     informed = fast_informed(model)
     search = kernels.Search(
-        counts=np.zeros(9, dtype=np.int64),
+        counts=np.zeros(10, dtype=np.int64),
         scale=value_scale(model),
         nodes=np.zeros(0, dtype=kernels.NODE),
         beliefs=np.zeros(0),
@@ -291,6 +334,7 @@ def _allocate(model: CompiledModel) -> kernels.Search:
         edges=np.zeros(0, dtype=kernels.EDGE),
         alphas=np.zeros(0, dtype=kernels.ALPHA),
         alpha_entries=np.zeros(0),
+        alpha_next=np.zeros(0, dtype=np.int32),
         alpha_newest=np.full(C, -1, dtype=np.int64),
         default_alpha=np.zeros(C, dtype=np.int64),
         corner=informed.max(axis=0),
@@ -303,7 +347,7 @@ def _allocate(model: CompiledModel) -> kernels.Search:
         path=np.zeros(kernels.MAX_DEPTH, dtype=np.int64),
         predicted=np.zeros(L),
         backward=np.zeros(L),
-        conditioned=np.zeros(int(np.diff(model.class_first).max())),
+        conditioned=np.zeros(int(np.diff(model.class_first).max(initial=1))),
     )
     search = _reserve(model, search, C * A)
     blind = blind_policies(model)
