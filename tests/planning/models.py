@@ -91,5 +91,7 @@ def corridor(n=4, discount=0.9):
             O[:, s, x] = 1
     start = np.zeros((X, n))
     start[0, 1:] = 1 / (n - 1)
-    model = pomdp(T, O, R, start=start.ravel(), discount=discount, reset=reset, actions=("left", "right", "grasp"))
+    model = pomdp(
+        T, O, R, start=start.ravel(), discount=discount, reset=reset, actions=("left", "right", "grasp")
+    )
     return MOMDP(model, X)

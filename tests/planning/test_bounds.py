@@ -37,7 +37,11 @@ def test_guessing_by_hand():
 def test_seeing_the_state_one_step_late_costs_something():
     # Hidden coin, thrown anew each step: the best guess before the throw is worth 1/2, seen it would be 1.
     coin = pomdp(
-        [np.full((2, 2), 0.5)] * 2, [np.full((2, 1), 1.0)] * 2, [[1, 0], [0, 1]], start=[0.5, 0.5], discount=0.5
+        [np.full((2, 2), 0.5)] * 2,
+        [np.full((2, 1), 1.0)] * 2,
+        [[1, 0], [0, 1]],
+        start=[0.5, 0.5],
+        discount=0.5,
     )
     # The MDP: 1 now, 1 for ever = 2. Informed: what is to come is worth x = .5 (1 + γ x) + .5 γ x = 1 either way.
     assert mdp_values(compiled(coin)) == pytest.approx(np.array([[2, 1], [1, 2]]))

@@ -11,7 +11,9 @@ def compiled(model, convention="clean"):
     return compile_model(getattr(model, "joint", model), start_beliefs(model, convention))
 
 
-@pytest.mark.parametrize(("name", "n_classes", "n_live"), [("rocksample-4-4", 16, 256), ("rocksample-5-5", 25, 800)])
+@pytest.mark.parametrize(
+    ("name", "n_classes", "n_live"), [("rocksample-4-4", 16, 256), ("rocksample-5-5", 25, 800)]
+)
 def test_rocksample_falls_into_cells(name, n_classes, n_live):
     model = compiled(domains.get(name).model)
     assert (model.n_classes, model.n_live) == (n_classes, n_live)

@@ -64,7 +64,9 @@ def test_random_models_against_the_whole_tree(seed, shape, resets):
     assert progress.upper <= upper + 1e-4 + 1e-7
 
 
-@pytest.mark.parametrize("model", [tiger(), random_model(7, n_states=5, discount=0.95), domains.get("hallway").model])
+@pytest.mark.parametrize(
+    "model", [tiger(), random_model(7, n_states=5, discount=0.95), domains.get("hallway").model]
+)
 def test_bounds_are_monotone_and_never_cross(model):
     search = Sarsop(model)
     before = search.progress()
