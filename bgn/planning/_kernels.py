@@ -14,7 +14,7 @@ function that is called from Python.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 from numba import njit
@@ -128,8 +128,8 @@ class Search(NamedTuple):
 
 def kernel(function: F) -> F:
     """Compile for the machine; numba keeps the result beside the source."""
-    compiled: F = njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})(function)
-    return compiled
+    compiled: Any = njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})(function)
+    return cast(F, compiled)
 
 
 @kernel
@@ -369,7 +369,7 @@ def look_ahead(model: CompiledModel, search: Search, i: int, a: int, upper: bool
 
 @kernel
 def reward_at(model: CompiledModel, search: Search, i: int, a: int) -> float:
-    """Expected reward of action a at node i."""
+    """Return the expected reward of action a at node i."""
     b, first = belief_of(model, search, i), model.class_first[search.nodes[i].belief_class]
     return dot(b, model.rewards[a, first : first + b.size])
 

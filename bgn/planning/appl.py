@@ -8,6 +8,7 @@ import subprocess
 import tempfile
 import time
 from pathlib import Path
+from typing import Literal
 
 import bgn.pomdp
 from bgn.planning import policy_file
@@ -61,5 +62,5 @@ def solve_with_appl(model: POMDP, *, precision: float, timeout: float) -> Soluti
         trials=int(trials),
         backups=int(backups),
     )
-    reason = "precision" if progress.gap <= precision else "timeout"
+    reason: Literal["precision", "timeout"] = "precision" if progress.gap <= precision else "timeout"
     return Solution(policy=policy, progress=progress, reason=reason)

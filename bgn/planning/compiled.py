@@ -91,7 +91,7 @@ def compile_model(model: POMDP, starts: tuple[StartBelief, ...]) -> CompiledMode
         t_to=np.concatenate([move.indices for move in moves]).astype(np.int64),
         t_p=np.concatenate([move.data for move in moves]).astype(np.float64),
         rewards=np.ascontiguousarray(model.expected_rewards[:, live[order]]),
-        **_branches(moves, emissions, labels, first),
+        **_branches(moves, emissions, labels, first),  # type: ignore[arg-type]
     )
 
 

@@ -131,7 +131,7 @@ def _weights(start: Floats) -> Floats:
     scale = ratios.max(axis=1, keepdims=True)
     if not np.allclose(np.where(start > 0, ratios, scale), scale, rtol=1e-9, atol=0):
         raise PlanningError("the start distribution of y given x depends on x beyond its support")
-    return w
+    return np.asarray(w)
 
 
 def _enumerate(tables: _Tables, roots: Ints, supports: NDArray[np.bool_]) -> _Graph:
@@ -153,8 +153,8 @@ def _enumerate(tables: _Tables, roots: Ints, supports: NDArray[np.bool_]) -> _Gr
         graph = _Graph(x, members, weight, rewards, ending, edge_first, edge_child, edge_p)
         n, edges = _grow(tables, graph, roots.size)
         if n < capacity and edges < edge_capacity:
-            nodes = (array[:n] for array in graph[:5])
-            return _Graph(*nodes, edge_first[: n * n_actions + 1], edge_child[:edges], edge_p[:edges])
+            arcs = (edge_first[: n * n_actions + 1], edge_child[:edges], edge_p[:edges])
+            return _Graph(x[:n], members[:n], weight[:n], rewards[:n], ending[:n], *arcs)
         if capacity > MAX_BELIEFS:
             raise PlanningError(f"more than {MAX_BELIEFS:,} reachable beliefs: no exact optimum")
         capacity, edge_capacity = capacity * 4, edge_capacity * 4
@@ -260,7 +260,7 @@ def _values(graph: _Graph, discount: float) -> Floats:
 @njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
 def _greedy(graph: _Graph, v: Floats, discount: float) -> Ints:
     """Return the first action of each belief whose value is the best up to rounding."""
-    n, n_actions = graph.rewards.shape
+    n = graph.rewards.shape[0]
     chosen = np.zeros(n, dtype=np.int64)
     for i in range(n):
         while _action_value(graph, v, discount, i, chosen[i]) < v[i] - TIE:
@@ -281,10 +281,10 @@ def _follow(graph: _Graph, tables: _Tables, chosen: Ints, p: Floats) -> tuple[fl
         square += float(reached[at] @ _end_squares(graph, tables, at, a))
         length += step * float(reached[at] @ graph.ending[at, a])
         first, last = graph.edge_first[at * A + a], graph.edge_first[at * A + a + 1]
-        edges = np.repeat(first - np.cumsum(last - first) + (last - first), last - first)
-        edges = edges + np.arange(edges.size)
+        offsets = np.repeat(first - np.cumsum(last - first) + (last - first), last - first)
+        edges = offsets + np.arange(offsets.size)
         mass = np.repeat(reached[at], last - first) * graph.edge_p[edges]
-        reached = np.bincount(graph.edge_child[edges], weights=mass, minlength=N)
+        reached = np.bincount(graph.edge_child[edges], weights=mass, minlength=N).astype(np.float64)
         if not reached.any():
             return mean, square, length, step
     raise PlanningError("the optimal policy never ends an episode")

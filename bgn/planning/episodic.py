@@ -84,7 +84,7 @@ def worthless_states(model: POMDP) -> NDArray[np.bool_]:
     while True:
         grown = live | np.logical_or.reduce([(move @ live.astype(np.float64)) > 0 for move in moves])
         if (grown == live).all():
-            return ~live
+            return np.asarray(~live)
         live = grown
 
 
@@ -114,7 +114,7 @@ def _with_end(
     model: POMDP, absorbing: NDArray[np.bool_], ending: NDArray[np.bool_]
 ) -> tuple[POMDP, NDArray[np.bool_], NDArray[np.bool_]]:
     """Add the absorbing state ``end`` with an observation of its own, and lead the endings there."""
-    S, A, O = model.n_states, model.n_actions, model.n_observations
+    S, A = model.n_states, model.n_actions
     one = sparse.csr_array(np.ones((1, 1)))
     transitions, observations = [], []
     for a in range(A):

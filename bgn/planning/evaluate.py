@@ -74,7 +74,10 @@ def evaluate(
     compiled = compile_model(joint, starts)
     world = _episodes.lay_out(model, compiled, starts, convention)
     searches = isinstance(policy, AlphaVectors)
-    rule = _episodes.cut_to_classes(policy, compiled) if searches else _episodes.no_rule(compiled)
+    if isinstance(policy, AlphaVectors):
+        rule = _episodes.cut_to_classes(policy, compiled)
+    else:
+        rule = _episodes.no_rule(compiled)
     weight = joint.discount if discount is None else discount
     results = _episodes.simulate(world, compiled, rule, not searches, seed, limit, weight, episodes)
     return Evaluation(

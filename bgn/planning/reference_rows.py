@@ -45,8 +45,8 @@ def evaluate_reference(
 
     Returns ``return`` (discounted as the domain reports it), ``return_se``, ``return_sd``, ``success``,
     ``success_se``, ``length``. ``perfect`` is exact, without simulation; it adds ``value`` (V*, discounted as in
-    training) and ``max_length``. ``sarsop`` adds ``lower_bound`` and ``upper_bound`` of the optimum (at the model's discount, without the
-    episode limit), ``solve_seconds`` (CPU) and ``vectors``.
+    training) and ``max_length``. ``sarsop`` adds ``lower_bound`` and ``upper_bound`` of the optimum (at the
+    model's discount, without the episode limit), ``solve_seconds`` (CPU) and ``vectors``.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def evaluate_reference(
 
 
 def _perfect(domain: Domain) -> dict[str, float]:
-    """The exact optimum of a domain whose report is the undiscounted return, 1 for success."""
+    """Return the exact optimum of a domain whose report is the undiscounted return, 1 for success."""
     optimum = solve_deterministic(domain.model)
     return {
         "return": optimum.mean_return,
