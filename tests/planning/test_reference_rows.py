@@ -1,0 +1,60 @@
+import pytest
+
+from bgn import domains
+from bgn.planning.reference_rows import evaluate_reference, reference_ids
+
+BASIC = {"return", "return_se", "return_sd", "success", "success_se", "length"}
+
+
+@pytest.mark.parametrize("name", domains.ids())
+def test_every_reference_of_every_domain_gives_a_row(name):
+    domain = domains.get(name)
+    rows = {}
+    for reference in reference_ids(domain):
+        if (name, reference) == ("two-bumps-2d", "sarsop"):
+            continue  # the exact optimum is there, and much quicker
+        row = rows[reference] = evaluate_reference(reference, domain, episodes=300, seed=0, timeout=0.5)
+        assert row.keys() >= BASIC
+        assert 0 <= row["success"] <= 1
+        assert row["length"] <= domain.episode_limit
+    best = rows["perfect" if domain.family == "robot" else "sarsop"]
+    assert best["return"] >= rows["random"]["return"]
+
+
+def test_rows_repeat_from_the_seed():
+    domain = domains.get("rocksample-4-4")
+    first, second, other = (
+        evaluate_reference("sarsop", domain, episodes=300, seed=seed, convention="hidden-first-action")
+        for seed in (1, 1, 2)
+    )
+    assert first == second
+    assert first["return"] != other["return"]
+    assert first["lower_bound"] == pytest.approx(14.117, abs=2e-3)
+    assert first["upper_bound"] - first["lower_bound"] <= 1e-3
+
+
+def test_the_perfect_row_is_exact():
+    row = evaluate_reference("perfect", domains.get("top-plate"), episodes=2, seed=0)
+    assert row["success"] == pytest.approx(1)
+    assert row["value"] == pytest.approx(0.929579, abs=1e-6)
+    assert (row["length"], row["max_length"]) == (pytest.approx(8.3), 12)
+    assert row["return_se"] == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "rate"), [("top-plate", 0.0376), ("two-bumps-1d", 0.150), ("two-bumps-2d", 0.0038)]
+)
+def test_random_success_of_the_robot_domains(name, rate):
+    row = evaluate_reference("random", domains.get(name), episodes=20_000, seed=0)
+    assert row["success"] == row["return"] == pytest.approx(rate, abs=4 * (rate / 20_000) ** 0.5)
+
+
+def test_what_does_not_apply_is_refused():
+    with pytest.raises(
+        ValueError, match=r"no reference policy 'drive-east' for hallway; known: random, sarsop"
+    ):
+        evaluate_reference("drive-east", domains.get("hallway"), episodes=10, seed=0)
+    with pytest.raises(ValueError, match="no hidden first action"):
+        evaluate_reference(
+            "random", domains.get("top-plate"), episodes=10, seed=0, convention="hidden-first-action"
+        )
