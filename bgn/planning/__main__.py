@@ -55,7 +55,9 @@ def _parser() -> argparse.ArgumentParser:
     common.add_argument("--json", action="store_true", help="print the result as JSON")
     plan = commands.add_parser("solve", parents=[common], help="bound the optimum with SARSOP, find a policy")
     plan.add_argument("--precision", type=float, default=1e-3, help="stop at this gap between the bounds")
-    plan.add_argument("--timeout", type=float, default=60.0, help="CPU seconds, after the kernels are compiled")
+    plan.add_argument(
+        "--timeout", type=float, default=60.0, help="CPU seconds, after the kernels are compiled"
+    )
     plan.add_argument("--policy", type=Path, metavar="OUT", help="write the policy (APPL's XML format)")
     plan.add_argument("--solver", choices=("bgn", "appl"), default="bgn", help="appl: pomdpsol from the PATH")
     plan.set_defaults(command=_solve)
@@ -63,7 +65,9 @@ def _parser() -> argparse.ArgumentParser:
     judge.add_argument("policy", help="a .policy file, or: random, qmdp, fib, always:ACTION")
     judge.add_argument("--episodes", type=int, default=10_000)
     judge.add_argument("--seed", type=int, default=0)
-    judge.add_argument("--limit", type=int, help="counted steps of an episode (default: the domain's, or 100)")
+    judge.add_argument(
+        "--limit", type=int, help="counted steps of an episode (default: the domain's, or 100)"
+    )
     judge.set_defaults(command=_evaluate)
     return parser
 
@@ -180,7 +184,9 @@ class _Reporter:
 
     def __init__(self) -> None:
         self._console = Console(stderr=True, highlight=False)
-        self._live = Live("preparing (the first time, kernels are compiled)", console=self._console, transient=True)
+        self._live = Live(
+            "preparing (the first time, kernels are compiled)", console=self._console, transient=True
+        )
         self._printed = time.monotonic()
 
     def __enter__(self) -> _Reporter:

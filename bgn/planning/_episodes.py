@@ -198,7 +198,14 @@ def _open(world: World, rng: NDArray[np.uint64]) -> tuple[int, int]:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def simulate(
-    world: World, compiled: CompiledModel, rule: Rule, random: bool, seed: int, limit: int, discount: float, n: int
+    world: World,
+    compiled: CompiledModel,
+    rule: Rule,
+    random: bool,
+    seed: int,
+    limit: int,
+    discount: float,
+    n: int,
 ) -> Floats:
     """Run ``n`` episodes; return (n, 3): discounted return, undiscounted return, counted steps."""
     results = np.zeros((n, 3))

@@ -93,9 +93,7 @@ POINT = np.dtype(
     align=True,
 )
 
-(
-    *(NODES, BELIEFS, SLOTS, EDGES, ALPHAS, ALPHA_ENTRIES, ALPHA_NEXT, POINTS, SUPPORTS, BACKUPS),
-) = range(10)
+(*(NODES, BELIEFS, SLOTS, EDGES, ALPHAS, ALPHA_ENTRIES, ALPHA_NEXT, POINTS, SUPPORTS, BACKUPS),) = range(10)
 
 
 class Search(NamedTuple):
@@ -299,7 +297,10 @@ def refresh_upper(search: Search, i: int, b: Floats) -> None:
 @kernel
 def edges_of(model: CompiledModel, search: Search, i: int, a: int) -> tuple[int, int]:
     """Return the range of edges of an expanded action."""
-    pair, first = search.nodes[i].belief_class * model.n_actions + a, search.edge_first[search.nodes[i].slot, a]
+    pair, first = (
+        search.nodes[i].belief_class * model.n_actions + a,
+        search.edge_first[search.nodes[i].slot, a],
+    )
     return first, first + model.branch_first[pair + 1] - model.branch_first[pair]
 
 
@@ -607,7 +608,9 @@ def mark_alive(model: CompiledModel, search: Search, roots: Ints) -> None:
     for s in range(slots.size):
         slots[s].alive = False
     stack, depth = np.empty(slots.size, dtype=np.int64), 0
-    tolerance = RELATIVE_IMPROVEMENT * search.scale  # where the bounds meet, rounding must not cut the best action
+    tolerance = (
+        RELATIVE_IMPROVEMENT * search.scale
+    )  # where the bounds meet, rounding must not cut the best action
     for root in roots:
         if not slots[search.nodes[root].slot].alive:
             slots[search.nodes[root].slot].alive = True
@@ -622,7 +625,11 @@ def mark_alive(model: CompiledModel, search: Search, roots: Ints) -> None:
                 first, last = edges_of(model, search, i, a)
                 for e in range(first, last):
                     child = search.edges[e].child
-                    if child >= 0 and search.nodes[child].slot >= 0 and not slots[search.nodes[child].slot].alive:
+                    if (
+                        child >= 0
+                        and search.nodes[child].slot >= 0
+                        and not slots[search.nodes[child].slot].alive
+                    ):
                         slots[search.nodes[child].slot].alive = True
                         stack[depth] = child
                         depth += 1

@@ -46,7 +46,9 @@ def solve_with_appl(model: POMDP, *, precision: float, timeout: float) -> Soluti
         policy = policy_file.load(result)
     rows = _ROW.findall(run.stdout)
     if not rows:
-        raise PlanningError("pomdpsol's output has no row of bounds (time, trials, backups, lower, upper, ...)")
+        raise PlanningError(
+            "pomdpsol's output has no row of bounds (time, trials, backups, lower, upper, ...)"
+        )
     _, trials, backups, lower, upper, _, vectors, beliefs = map(float, rows[-1].split())
     # An added absorbing end is none of the model's states.
     policy = type(policy)(vectors=policy.vectors[:, : model.n_states].copy(), actions=policy.actions)

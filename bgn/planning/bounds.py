@@ -33,7 +33,9 @@ def value_scale(compiled: CompiledModel) -> float:
 
 def mdp_values(compiled: CompiledModel) -> Floats:
     """Q(a, s) of the underlying MDP, an upper bound that pretends to see the state; shape (A, L)."""
-    moves = sparse.csr_array(sparse.vstack([transition_array(compiled, a) for a in range(compiled.n_actions)]))
+    moves = sparse.csr_array(
+        sparse.vstack([transition_array(compiled, a) for a in range(compiled.n_actions)])
+    )
     scale = value_scale(compiled)
     v = np.full(compiled.n_live, max(0.0, float(compiled.rewards.max(initial=0.0)) / (1 - compiled.discount)))
     q = np.zeros_like(compiled.rewards)

@@ -114,7 +114,9 @@ def _reachable_live(model: POMDP, starts: tuple[StartBelief, ...]) -> Ints:
     """Return the indices of the states that are reachable before the episode is over."""
     worthless = worthless_states(model)
     reached = np.any([start.belief > 0 for start in starts], axis=0) & ~worthless
-    moves = [sparse.csr_array((~model.reset[a])[:, None] * model.transitions[a]) for a in range(model.n_actions)]
+    moves = [
+        sparse.csr_array((~model.reset[a])[:, None] * model.transitions[a]) for a in range(model.n_actions)
+    ]
     while True:
         weights = reached.astype(np.float64)
         grown = reached | (np.any([weights @ move > 0 for move in moves], axis=0) & ~worthless)
@@ -184,9 +186,7 @@ def _branches(
     pairs, successors = table[0], np.unique(table[:2], axis=1)
     sizes = np.diff(first)[table[1]]
     dense = [emission.toarray() for emission in emissions]
-    columns = [
-        dense[key % n_actions][first[d] : first[d + 1], o] for key, d, o in table.T
-    ]
+    columns = [dense[key % n_actions][first[d] : first[d + 1], o] for key, d, o in table.T]
     bounds = np.arange(n_classes * n_actions + 1)
     return {
         "branch_first": np.searchsorted(pairs, bounds).astype(np.int64),

@@ -78,7 +78,9 @@ def worthless_states(model: POMDP) -> NDArray[np.bool_]:
     """Return the states from which nothing can be earned or lost any more (an episode's ends), shape (S,)."""
     earns = (model.expected_rewards != 0).any(axis=0)
     live = earns
-    moves = [sparse.csr_array((~model.reset[a])[:, None] * model.transitions[a]) for a in range(model.n_actions)]
+    moves = [
+        sparse.csr_array((~model.reset[a])[:, None] * model.transitions[a]) for a in range(model.n_actions)
+    ]
     while True:
         grown = live | np.logical_or.reduce([(move @ live.astype(np.float64)) > 0 for move in moves])
         if (grown == live).all():

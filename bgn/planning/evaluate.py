@@ -88,6 +88,8 @@ def evaluate(
 
 def _check_fits(policy: AlphaVectors, model: POMDP) -> None:
     if policy.vectors.shape[1] != model.n_states:
-        raise ValueError(f"the policy is for {policy.vectors.shape[1]} states, the model has {model.n_states}")
+        raise ValueError(
+            f"the policy is for {policy.vectors.shape[1]} states, the model has {model.n_states}"
+        )
     if policy.actions.max() >= model.n_actions:
         raise ValueError(f"the policy takes action {policy.actions.max()}; the model has {model.n_actions}")

@@ -26,7 +26,9 @@ def save(policy: AlphaVectors, path: str | os.PathLike[str], *, model: str = "")
     """Write a policy; ``model`` is the name of the file it is for, for the record."""
     ElementTree.register_namespace("xsi", _XSI)
     attributes = {"version": "0.1", "type": "value", "model": model}
-    root = ElementTree.Element("Policy", {**attributes, f"{{{_XSI}}}noNamespaceSchemaLocation": "policyx.xsd"})
+    root = ElementTree.Element(
+        "Policy", {**attributes, f"{{{_XSI}}}noNamespaceSchemaLocation": "policyx.xsd"}
+    )
     n, length = policy.vectors.shape
     sizes = {"vectorLength": str(length), "numObsValue": "1", "numVectors": str(n)}
     pool = ElementTree.SubElement(root, "AlphaVector", sizes)
@@ -102,5 +104,3 @@ def _entries(path: str | os.PathLike[str], row: int, element: ElementTree.Elemen
     if values.size != length or not np.isfinite(values).all():
         raise PolicyFormatError(f"{path}: vector {row} needs {length} finite numbers, found {values.size}")
     return values
-
-

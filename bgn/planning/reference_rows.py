@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 
 from bgn.domains import Domain
 from bgn.planning.alpha_vectors import AlphaVectors
 from bgn.planning.compiled import compile_model
+from bgn.planning.deterministic import solve_deterministic
 from bgn.planning.episodic import Convention, start_beliefs
 from bgn.planning.evaluate import evaluate
 from bgn.planning.policies import Policy, UniformRandom, always, informed, qmdp
@@ -21,10 +23,13 @@ def reference_ids(domain: Domain) -> tuple[str, ...]:
     """Return the ids of the reference policies that make sense for a domain.
 
     ``random``: uniform actions. ``sarsop``: near-optimal planning. ``qmdp``, ``fib``: greedy on the QMDP values and
-    on the fast informed bound. ``drive-east`` (RockSample): straight to the exit.
+    on the fast informed bound. ``drive-east`` (RockSample): straight to the exit. ``perfect`` (robot domains): the
+    exact optimum.
     """
-    always_applicable = ("random", "sarsop", "qmdp", "fib")
-    return (*always_applicable, "drive-east") if domain.id.startswith("rocksample") else always_applicable
+    everywhere = ("random", "sarsop", "qmdp", "fib")
+    if domain.family == "robot":
+        return (*everywhere, "perfect")
+    return (*everywhere, "drive-east") if domain.id.startswith("rocksample") else everywhere
 
 
 def evaluate_reference(
@@ -38,8 +43,9 @@ def evaluate_reference(
 ) -> dict[str, float]:
     """Plan if need be (at most ``timeout`` CPU seconds), then simulate; the same seed gives the same episodes.
 
-    Returns ``return`` (discounted as the domain reports it), ``return_se``, ``return_sd``, ``success``, ``length``;
-    for ``sarsop`` also ``lower_bound`` and ``upper_bound`` of the optimum (at the model's discount, without the
+    Returns ``return`` (discounted as the domain reports it), ``return_se``, ``return_sd``, ``success``,
+    ``success_se``, ``length``. ``perfect`` is exact, without simulation; it adds ``value`` (V*, discounted as in
+    training) and ``max_length``. ``sarsop`` adds ``lower_bound`` and ``upper_bound`` of the optimum (at the model's discount, without the
     episode limit), ``solve_seconds`` (CPU) and ``vectors``.
 
     Raises
@@ -50,6 +56,8 @@ def evaluate_reference(
     if reference_id not in reference_ids(domain):
         known = ", ".join(reference_ids(domain))
         raise ValueError(f"no reference policy {reference_id!r} for {domain.id}; known: {known}")
+    if reference_id == "perfect":
+        return _perfect(domain)
     policy, metrics = _plan(reference_id, domain, convention, timeout)
     outcome = evaluate(
         domain.model,
@@ -65,8 +73,24 @@ def evaluate_reference(
         "return_se": outcome.standard_error,
         "return_sd": outcome.standard_deviation,
         "success": outcome.success,
+        "success_se": math.sqrt(outcome.success * (1 - outcome.success) / episodes),
         "length": outcome.length,
         **metrics,
+    }
+
+
+def _perfect(domain: Domain) -> dict[str, float]:
+    """The exact optimum of a domain whose report is the undiscounted return, 1 for success."""
+    optimum = solve_deterministic(domain.model)
+    return {
+        "return": optimum.mean_return,
+        "return_se": 0.0,
+        "return_sd": optimum.return_sd,
+        "success": optimum.mean_return,
+        "success_se": 0.0,
+        "length": optimum.mean_length,
+        "value": optimum.value,
+        "max_length": float(optimum.max_length),
     }
 
 

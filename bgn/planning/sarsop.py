@@ -152,7 +152,9 @@ class Sarsop:
         """
         search, model = self._search, self._model
         if not self._roots.size:  # the episode is over before it begins
-            return AlphaVectors(vectors=np.zeros((1, self._joint.n_states)), actions=np.zeros(1, dtype=np.int64))
+            return AlphaVectors(
+                vectors=np.zeros((1, self._joint.n_states)), actions=np.zeros(1, dtype=np.int64)
+            )
         self._root_bounds()
         kept = np.zeros(search.counts[kernels.ALPHAS], dtype=np.bool_)
         kept[search.nodes["alpha"][self._roots]] = True
