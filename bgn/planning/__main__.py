@@ -50,7 +50,7 @@ def _parser() -> argparse.ArgumentParser:
         "--convention",
         choices=("clean", "hidden-first-action"),
         default="clean",
-        help="how an episode opens; the second with an unseen random action, as in the paper's agents' episodes",
+        help="how an episode opens; the second with an unseen random action, as for the paper's agents",
     )
     common.add_argument("--json", action="store_true", help="print the result as JSON")
     plan = commands.add_parser("solve", parents=[common], help="bound the optimum with SARSOP, find a policy")

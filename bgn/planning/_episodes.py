@@ -1,4 +1,4 @@
-"""Simulated episodes of a policy, compiled by numba: exact beliefs, one stream of random numbers an episode."""
+"""Simulated episodes of a policy, compiled by numba: exact beliefs, one random stream an episode."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def _cumulative(arrays: tuple[sparse.csr_array, ...]) -> tuple[Ints, Ints, Float
     return first, to, rows
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _uniform(state: NDArray[np.uint64]) -> float:
     """Next number in [0, 1) of a SplitMix64 stream (Steele, Lea, Flood 2014)."""
     state[0] += np.uint64(0x9E3779B97F4A7C15)
@@ -132,7 +132,7 @@ def _uniform(state: NDArray[np.uint64]) -> float:
     return np.float64((z ^ (z >> np.uint64(31))) >> np.uint64(11)) * 2.0**-53
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _draw(state: NDArray[np.uint64], first: int, last: int, to: Ints, cumulative: Floats) -> int:
     """Draw an entry of a sparse row."""
     u = _uniform(state)
@@ -141,7 +141,7 @@ def _draw(state: NDArray[np.uint64], first: int, last: int, to: Ints, cumulative
     return int(to[first])
 
 
-@njit(cache=True, fastmath={"reassoc", "contract", "nsz"})  # type: ignore[untyped-decorator]
+@njit(cache=True, fastmath={"reassoc", "contract", "nsz"})
 def _choose(compiled: CompiledModel, rule: Rule, c: int, belief: Floats) -> int:
     """Return the action of the best alpha vector; nothing matters any more where there is no live belief."""
     action, best = 0, -np.inf
@@ -156,9 +156,9 @@ def _choose(compiled: CompiledModel, rule: Rule, c: int, belief: Floats) -> int:
     return action
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _filter(compiled: CompiledModel, c: int, belief: Floats, a: int, o: int, scratch: Floats) -> int:
-    """Update a belief over class c in place (paper, Eq. 1), given that the episode goes on; return its class."""
+    """Update a belief over class c in place (paper, Eq. 1), as the episode goes on; return its class."""
     if c < 0:
         return c
     pair, first = c * compiled.n_actions + a, compiled.class_first[c]
@@ -183,7 +183,7 @@ def _filter(compiled: CompiledModel, c: int, belief: Floats, a: int, o: int, scr
     return -1
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _open(world: World, rng: NDArray[np.uint64]) -> tuple[int, int]:
     """Draw the state in which the counted steps begin, and what was seen before."""
     s = min(int(np.searchsorted(world.start, _uniform(rng), side="right")), world.start.size - 1)
@@ -196,7 +196,7 @@ def _open(world: World, rng: NDArray[np.uint64]) -> tuple[int, int]:
     return s, a * world.n_observations + o
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def simulate(
     world: World,
     compiled: CompiledModel,

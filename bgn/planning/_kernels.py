@@ -1,20 +1,21 @@
 """The inner loops of SARSOP, compiled by numba and cached on disk.
 
-Every belief of the search is a *node*, dense over its class (:mod:`bgn.planning.compiled`); equal beliefs share a
-node. A node becomes *sampled* when it is first backed up: then its belief is kept and it gets a slot for its actions.
-The beliefs of the many nodes that are only somebody's children are worked out again whenever their bounds are
-refreshed, which is cheaper than the memory they would take. An action's children are only made when the search first
-needs their bounds. Alpha vectors and upper-bound points are append-only lists, linked class by class from the newest
-to the oldest, and every node remembers the newest it has seen, so that none is looked at twice for the same belief.
+Every belief of the search is a *node*, dense over its class (:mod:`bgn.planning.compiled`); equal beliefs
+share a node. A node becomes *sampled* when it is first backed up: then its belief is kept and it gets a slot
+for its actions. The beliefs of the many nodes that are only somebody's children are worked out again whenever
+their bounds are refreshed, which is cheaper than the memory they would take. An action's children are only
+made when the search first needs their bounds. Alpha vectors and upper-bound points are append-only lists,
+linked class by class from the newest to the oldest, and every node remembers the newest it has seen, so that
+none is looked at twice for the same belief.
 
-All kernels that call each other are in this one file because numba's cache only notices changes in the file of the
-function that is called from Python.
+All kernels that call each other are in this one file because numba's cache only notices changes in the file
+of the function that is called from Python.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 from numba import njit
@@ -36,7 +37,8 @@ NEGLIGIBLE = 1e-13
 RESOLUTION = 2.0**-38
 #: Steps a sampled path may have.
 MAX_DEPTH = 200
-#: Cells a side of the grids over (initial upper bound, entropy) on which values of similar beliefs are averaged.
+#: Cells a side of the grids over (initial upper bound, entropy) on which values of similar beliefs are
+#: averaged.
 BINS = (5, 25)
 
 NODE = np.dtype(
@@ -128,8 +130,7 @@ class Search(NamedTuple):
 
 def kernel(function: F) -> F:
     """Compile for the machine; numba keeps the result beside the source."""
-    compiled: F = njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})(function)
-    return compiled
+    return cast("F", njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})(function))
 
 
 @kernel
@@ -198,7 +199,7 @@ def find_or_add(model: CompiledModel, search: Search, c: int, b: Floats) -> int:
     while search.table[place] >= 0:
         i = search.table[place]
         if search.nodes[i].hash == key:
-            return i
+            return int(i)
         place = (place + np.uint64(1)) & mask
     i = search.counts[NODES]
     search.counts[NODES] += 1
@@ -213,7 +214,7 @@ def find_or_add(model: CompiledModel, search: Search, c: int, b: Floats) -> int:
     node.upper = node.start_upper = min(node.corner, informed)
     node.lower = -np.inf
     node.slot = node.point = node.alpha = node.seen_alpha = node.seen_point = -1
-    return i
+    return int(i)
 
 
 @kernel
@@ -369,7 +370,7 @@ def look_ahead(model: CompiledModel, search: Search, i: int, a: int, upper: bool
 
 @kernel
 def reward_at(model: CompiledModel, search: Search, i: int, a: int) -> float:
-    """Expected reward of action a at node i."""
+    """Return the expected reward of action a at node i."""
     b, first = belief_of(model, search, i), model.class_first[search.nodes[i].belief_class]
     return dot(b, model.rewards[a, first : first + b.size])
 
@@ -383,11 +384,11 @@ def update_upper(model: CompiledModel, search: Search, i: int) -> int:
     node = search.nodes[i]
     fresh = np.zeros(model.n_actions, dtype=np.bool_)
     q = search.q_upper[node.slot]
-    best = np.argmax(q)
+    best = int(np.argmax(q))
     while not fresh[best]:
         q[best] = min(q[best], look_ahead(model, search, i, best, True))
         fresh[best] = True
-        best = np.argmax(q)
+        best = int(np.argmax(q))
     refresh_upper(search, i, belief_of(model, search, i))
     node.upper = min(node.upper, q[best])
     return best
@@ -421,6 +422,20 @@ def append_alpha(model: CompiledModel, search: Search, c: int, action: int) -> F
     search.counts[ALPHA_ENTRIES] += n
     search.alpha_newest[c] = k
     return search.alpha_entries[alpha.at : alpha.at + n]
+
+
+@kernel
+def add_blind_policies(model: CompiledModel, search: Search, blind: Floats) -> None:
+    """Begin the alpha vectors with the values of always taking one action, shape (A, L), class by class."""
+    for c in range(model.class_first.size - 1):
+        first, last, best = model.class_first[c], model.class_first[c + 1], -np.inf
+        for a in range(model.n_actions):
+            total, new = 0.0, append_alpha(model, search, c, a)
+            for j in range(last - first):
+                new[j] = blind[a, first + j]
+                total += new[j]
+            if total > best:
+                best, search.default_alpha[c] = total, search.counts[ALPHAS] - 1
 
 
 @kernel
@@ -536,15 +551,15 @@ def enter_bins(model: CompiledModel, search: Search, i: int) -> None:
 
 @kernel
 def predict_value(model: CompiledModel, search: Search, i: int) -> float:
-    """Guess a sampled node's optimal value: the average of similar beliefs, or its upper bound without any."""
+    """Guess a sampled node's optimal value: the average of similar beliefs, else its upper bound."""
     b = belief_of(model, search, i)
     coarse = search.bin_sums[0, bin_of(search, i, b, BINS[0])]
     fine = search.bin_sums[1, bin_of(search, i, b, BINS[1])]
     if coarse[1] == 0:
-        return search.nodes[i].upper
+        return float(search.nodes[i].upper)
     if fine[1] > 0 and fine[2] / fine[1] <= coarse[2] / coarse[1]:
-        return fine[0] / fine[1]
-    return coarse[0] / coarse[1]
+        return float(fine[0] / fine[1])
+    return float(coarse[0] / coarse[1])
 
 
 @kernel
@@ -553,9 +568,9 @@ def trial(
 ) -> int:
     """Sample one path from a root towards beliefs that matter, then back it up; return its length.
 
-    Kurniawati, Hsu, Lee (2008), Algorithm 3: a path ends where neither the predicted value would raise the root's
-    lower bound nor the upper bound keeps the root's gap above the target. The next belief is the child whose gap
-    exceeds its target the most.
+    Kurniawati, Hsu, Lee (2008), Algorithm 3: a path ends where neither the predicted value would raise the
+    root's lower bound nor the upper bound keeps the root's gap above the target. The next belief is the child
+    whose gap exceeds its target the most.
     """
     i, depth, slack = root, 0, epsilon
     while depth < MAX_DEPTH:

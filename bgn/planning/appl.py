@@ -15,7 +15,8 @@ from bgn.planning.episodic import without_resets
 from bgn.planning.sarsop import PlanningError, Progress, Solution
 from bgn.pomdp.model import POMDP
 
-#: A row of pomdpsol's log: time, trials, backups, lower bound, upper bound, precision, alpha vectors, beliefs.
+#: A row of pomdpsol's log: time, trials, backups, lower bound, upper bound, precision, alpha vectors,
+#: beliefs.
 _ROW = re.compile(r"^\s*((?:[-+.\deE]+\s+){7}[-+.\deE]+)\s*$", re.MULTILINE)
 
 
@@ -30,7 +31,7 @@ def solve_with_appl(model: POMDP, *, precision: float, timeout: float) -> Soluti
     program = shutil.which("pomdpsol")
     if program is None:
         raise PlanningError(
-            "pomdpsol is not on the PATH: install APPL (github.com/AdaCompNUS/sarsop), or leave out --solver appl"
+            "pomdpsol is not on the PATH: install APPL (github.com/AdaCompNUS/sarsop) or drop --solver appl"
         )
     episodic = without_resets(model)
     with tempfile.TemporaryDirectory() as folder:
@@ -61,5 +62,6 @@ def solve_with_appl(model: POMDP, *, precision: float, timeout: float) -> Soluti
         trials=int(trials),
         backups=int(backups),
     )
-    reason = "precision" if progress.gap <= precision else "timeout"
-    return Solution(policy=policy, progress=progress, reason=reason)
+    return Solution(
+        policy=policy, progress=progress, reason="precision" if progress.gap <= precision else "timeout"
+    )

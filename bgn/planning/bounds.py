@@ -72,9 +72,9 @@ def blind_policies(compiled: CompiledModel) -> Floats:
     return values
 
 
-@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
 def _fast_informed(compiled: CompiledModel, q: Floats, tolerance: float) -> Floats:
-    """Iterate α(a, s) = R(a, s) + γ Σ_o max_a' Σ_s' T(s, a, s') O(s', a, o) α(a', s') down to its fixed point."""
+    """Iterate α(a, s) = R(a, s) + γ Σ_o max_a' Σ_s' T(s, a, s') O(s', a, o) α(a', s') from above."""
     A = compiled.n_actions
     totals = np.empty(A)
     for _ in range(20_000):

@@ -4,11 +4,12 @@ Two reductions, both exact:
 
 - States from which nothing more can be earned are dropped. Their value is zero under every policy, so the
   probability of being there is left out of every belief; transitions then sum to at most one.
-- States fall into *classes* such that every reachable belief lives inside one class: the finest partition that
-  contains each start belief's support and is closed under (action, observation). In RockSample a class is a cell
-  of the map (the rover's position is always known), in a mixed-observability model a value of x; Hallway is a
-  single class. Alpha vectors and beliefs then only need the entries of one class (the idea of MOMDP planning,
-  Ong et al. 2010, found in the tables instead of declared).
+- States fall into *classes* such that every reachable belief lives inside one class: the finest partition
+that
+  contains each start belief's support and is closed under (action, observation). In RockSample a class is a
+  cell of the map (the rover's position is always known), in a mixed-observability model a value of x; Hallway
+  is a single class. Alpha vectors and beliefs then only need the entries of one class (the idea of MOMDP
+  planning, Ong et al. 2010, found in the tables instead of declared).
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from bgn.planning.episodic import StartBelief, worthless_states
+from bgn.planning.episodic import StartBelief, going_on, worthless_states
 from bgn.pomdp.model import POMDP, Floats
 
 Ints = NDArray[np.int64]
@@ -44,12 +45,12 @@ class CompiledModel(NamedTuple):
     rewards: Floats
     """(A, L) expected rewards R(a, s)."""
     branch_first: Ints
-    """(C A + 1,) the outcomes of action a in class c begin at branch_first[c A + a]; one for each observation and
-    class that may follow."""
+    """(C A + 1,) the outcomes of action a in class c begin at branch_first[c A + a]; one for each observation
+    and class that may follow."""
     branch_observation: Ints
     branch_class: Ints
     branch_at: Ints
-    """Where the branch's column of observation probabilities begins in o_p, one for each state of its class."""
+    """Where the branch's column of observation probabilities, one a state of its class, begins in o_p."""
     o_p: Floats
     successor_first: Ints
     """(C A + 1,) the classes that action a may lead to from class c begin at successor_first[c A + a]."""
@@ -69,7 +70,7 @@ class CompiledModel(NamedTuple):
 def compile_model(model: POMDP, starts: tuple[StartBelief, ...]) -> CompiledModel:
     """Lay out what is reachable from the start beliefs."""
     live = _reachable_live(model, starts)
-    moves = [_live_block(model, a, live) for a in range(model.n_actions)]
+    moves = [_within(move, live) for move in going_on(model)]
     emissions = [sparse.csr_array(model.observations[a][live]) for a in range(model.n_actions)]
     labels = _classes(moves, emissions, [start.belief[live] > 0 for start in starts])
     order = np.argsort(labels, kind="stable")
@@ -80,26 +81,24 @@ def compile_model(model: POMDP, starts: tuple[StartBelief, ...]) -> CompiledMode
     first = np.searchsorted(labels, np.arange(n_classes + 1)).astype(np.int64)
     nonzeros = np.cumsum([0] + [move.nnz for move in moves])
     return CompiledModel(
-        discount=float(model.discount),
-        n_actions=model.n_actions,
-        states=live[order].astype(np.int64),
-        class_first=first,
-        class_of=labels,
-        t_first=np.stack(
-            [move.indptr.astype(np.int64) + at for move, at in zip(moves, nonzeros[:-1], strict=True)]
-        ),
-        t_to=np.concatenate([move.indices for move in moves]).astype(np.int64),
-        t_p=np.concatenate([move.data for move in moves]).astype(np.float64),
-        rewards=np.ascontiguousarray(model.expected_rewards[:, live[order]]),
-        **_branches(moves, emissions, labels, first),
+        float(model.discount),
+        model.n_actions,
+        live[order].astype(np.int64),
+        first,
+        labels,
+        np.stack([move.indptr.astype(np.int64) + at for move, at in zip(moves, nonzeros[:-1], strict=True)]),
+        np.concatenate([move.indices for move in moves]).astype(np.int64),
+        np.concatenate([move.data for move in moves]).astype(np.float64),
+        np.ascontiguousarray(model.expected_rewards[:, live[order]]),
+        *_branches(moves, emissions, labels, first),
     )
 
 
 def restrict(compiled: CompiledModel, belief: Floats) -> tuple[int, Floats, float]:
     """Return (class, probabilities of its states, mass) of a belief over the original states.
 
-    The probabilities are normalised over the live states; ``mass`` is their sum before. A belief without live mass
-    has class -1.
+    The probabilities are normalised over the live states; ``mass`` is their sum before. A belief without live
+    mass has class -1.
     """
     live = belief[compiled.states]
     mass = float(live.sum())
@@ -114,9 +113,7 @@ def _reachable_live(model: POMDP, starts: tuple[StartBelief, ...]) -> Ints:
     """Return the indices of the states that are reachable before the episode is over."""
     worthless = worthless_states(model)
     reached = np.any([start.belief > 0 for start in starts], axis=0) & ~worthless
-    moves = [
-        sparse.csr_array((~model.reset[a])[:, None] * model.transitions[a]) for a in range(model.n_actions)
-    ]
+    moves = going_on(model)
     while True:
         weights = reached.astype(np.float64)
         grown = reached | (np.any([weights @ move > 0 for move in moves], axis=0) & ~worthless)
@@ -125,9 +122,9 @@ def _reachable_live(model: POMDP, starts: tuple[StartBelief, ...]) -> Ints:
         reached = grown
 
 
-def _live_block(model: POMDP, a: int, live: Ints) -> sparse.csr_array:
-    """T(s, a, s') among the live states, without the moves that end the episode."""
-    block = sparse.csr_array(((~model.reset[a])[:, None] * model.transitions[a])[live][:, live])
+def _within(move: sparse.csr_array, live: Ints) -> sparse.csr_array:
+    """Cut transitions to the live states."""
+    block = sparse.csr_array(move[live][:, live])
     block.eliminate_zeros()
     block.sort_indices()
     return block
@@ -144,7 +141,8 @@ def _classes(
     groups = [np.flatnonzero(support) for support in supports]
     ties = [np.stack([g[:-1], g[1:]]) for g in groups if g.size > 1]
     while True:
-        # Everything that one (class, action, observation) leads to shares a class: tie it to the first such state.
+        # Everything that one (class, action, observation) leads to shares a class: tie it to the first such
+        # state.
         for source, target, seen in steps:
             key = labels[source] * n_observations + seen
             _, representative, inverse = np.unique(key, return_index=True, return_inverse=True)
@@ -175,8 +173,8 @@ def _emitted_steps(move: sparse.csr_array, emission: sparse.csr_array) -> tuple[
 
 def _branches(
     moves: list[sparse.csr_array], emissions: list[sparse.csr_array], labels: Ints, first: Ints
-) -> dict[str, Ints | Floats]:
-    """List, for each (class, action), the (observation, class) pairs that may follow."""
+) -> tuple[Ints, Ints, Ints, Ints, Floats, Ints, Ints]:
+    """List, for each (class, action), what may follow: the fields from ``branch_first`` to ``successor``."""
     n_classes, n_actions = first.size - 1, len(moves)
     found = []
     for a, (move, emission) in enumerate(zip(moves, emissions, strict=True)):
@@ -188,12 +186,12 @@ def _branches(
     dense = [emission.toarray() for emission in emissions]
     columns = [dense[key % n_actions][first[d] : first[d + 1], o] for key, d, o in table.T]
     bounds = np.arange(n_classes * n_actions + 1)
-    return {
-        "branch_first": np.searchsorted(pairs, bounds).astype(np.int64),
-        "branch_class": table[1].copy(),
-        "branch_observation": table[2].copy(),
-        "branch_at": (np.cumsum(sizes) - sizes).astype(np.int64),
-        "o_p": np.concatenate([np.zeros(0), *columns]),
-        "successor_first": np.searchsorted(successors[0], bounds).astype(np.int64),
-        "successor": successors[1].copy(),
-    }
+    return (
+        np.searchsorted(pairs, bounds).astype(np.int64),
+        table[2].copy(),
+        table[1].copy(),
+        (np.cumsum(sizes) - sizes).astype(np.int64),
+        np.concatenate([np.zeros(0), *columns]),
+        np.searchsorted(successors[0], bounds).astype(np.int64),
+        successors[1].copy(),
+    )

@@ -1,8 +1,9 @@
 """Exact optimum of mixed-observability models with deterministic moves and a hidden part that stays put.
 
-There a belief is the start distribution restricted to a set of hidden parts, which every step either leaves or splits
-by the next x (and by whether the episode ended). The reachable (x, set) pairs are enumerated once and dynamic
-programming over that graph gives the value, and from it the policy's exact success and episode lengths.
+There a belief is the start distribution restricted to a set of hidden parts, which every step either leaves
+or splits by the next x (and by whether the episode ended). The reachable (x, set) pairs are enumerated once
+and dynamic programming over that graph gives the value, and from it the policy's exact success and episode
+lengths.
 """
 
 from __future__ import annotations
@@ -74,8 +75,8 @@ def solve_deterministic(model: MOMDP) -> Optimum:
     Raises
     ------
     PlanningError
-        A move is random or changes the hidden part, the start does not factor, rewards come before the end, or
-        there are too many beliefs.
+        A move is random or changes the hidden part, the start does not factor, rewards come before the end,
+        or there are too many beliefs.
     """
     tables = _tables(model)
     start = model.joint.start.reshape(model.n_observed, model.n_hidden)
@@ -131,7 +132,7 @@ def _weights(start: Floats) -> Floats:
     scale = ratios.max(axis=1, keepdims=True)
     if not np.allclose(np.where(start > 0, ratios, scale), scale, rtol=1e-9, atol=0):
         raise PlanningError("the start distribution of y given x depends on x beyond its support")
-    return w
+    return np.asarray(w)
 
 
 def _enumerate(tables: _Tables, roots: Ints, supports: NDArray[np.bool_]) -> _Graph:
@@ -153,14 +154,22 @@ def _enumerate(tables: _Tables, roots: Ints, supports: NDArray[np.bool_]) -> _Gr
         graph = _Graph(x, members, weight, rewards, ending, edge_first, edge_child, edge_p)
         n, edges = _grow(tables, graph, roots.size)
         if n < capacity and edges < edge_capacity:
-            nodes = (array[:n] for array in graph[:5])
-            return _Graph(*nodes, edge_first[: n * n_actions + 1], edge_child[:edges], edge_p[:edges])
+            return _Graph(
+                x[:n],
+                members[:n],
+                weight[:n],
+                rewards[:n],
+                ending[:n],
+                edge_first[: n * n_actions + 1],
+                edge_child[:edges],
+                edge_p[:edges],
+            )
         if capacity > MAX_BELIEFS:
             raise PlanningError(f"more than {MAX_BELIEFS:,} reachable beliefs: no exact optimum")
         capacity, edge_capacity = capacity * 4, edge_capacity * 4
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def _grow(tables: _Tables, graph: _Graph, n_roots: int) -> tuple[int, int]:
     """Fill in the graph from its roots; returns (nodes, edges), at the capacity if it was too small."""
     capacity, n_words = graph.members.shape
@@ -211,7 +220,7 @@ def _grow(tables: _Tables, graph: _Graph, n_roots: int) -> tuple[int, int]:
     return n, edges
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def _find(graph: _Graph, table: Ints, x: int, members: Words, n: int) -> int:
     """Return where (x, set) is, or belongs, in the hash table."""
     key = np.uint64(x) + np.uint64(0x9E3779B97F4A7C15)
@@ -227,19 +236,19 @@ def _find(graph: _Graph, table: Ints, x: int, members: Words, n: int) -> int:
         if same:
             break
         place = (place + 1) % table.size
-    return place
+    return int(place)
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def _action_value(graph: _Graph, v: Floats, discount: float, i: int, a: int) -> float:
     value = 0.0
     at = i * graph.rewards.shape[1] + a
     for e in range(graph.edge_first[at], graph.edge_first[at + 1]):
         value += graph.edge_p[e] * v[graph.edge_child[e]]
-    return graph.rewards[i, a] + discount * value
+    return float(graph.rewards[i, a] + discount * value)
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def _values(graph: _Graph, discount: float) -> Floats:
     """Iterate V(x, set) up from below zero rewards, later beliefs first, until it stands still."""
     n, n_actions = graph.rewards.shape
@@ -257,12 +266,11 @@ def _values(graph: _Graph, discount: float) -> Floats:
     return v
 
 
-@njit(cache=True, error_model="numpy")  # type: ignore[untyped-decorator]
+@njit(cache=True, error_model="numpy")
 def _greedy(graph: _Graph, v: Floats, discount: float) -> Ints:
     """Return the first action of each belief whose value is the best up to rounding."""
-    n, n_actions = graph.rewards.shape
-    chosen = np.zeros(n, dtype=np.int64)
-    for i in range(n):
+    chosen = np.zeros(graph.x.size, dtype=np.int64)
+    for i in range(chosen.size):
         while _action_value(graph, v, discount, i, chosen[i]) < v[i] - TIE:
             chosen[i] += 1
     return chosen
@@ -281,10 +289,10 @@ def _follow(graph: _Graph, tables: _Tables, chosen: Ints, p: Floats) -> tuple[fl
         square += float(reached[at] @ _end_squares(graph, tables, at, a))
         length += step * float(reached[at] @ graph.ending[at, a])
         first, last = graph.edge_first[at * A + a], graph.edge_first[at * A + a + 1]
-        edges = np.repeat(first - np.cumsum(last - first) + (last - first), last - first)
-        edges = edges + np.arange(edges.size)
-        mass = np.repeat(reached[at], last - first) * graph.edge_p[edges]
-        reached = np.bincount(graph.edge_child[edges], weights=mass, minlength=N)
+        counts = last - first
+        edges = np.repeat(first - np.cumsum(counts) + counts, counts) + np.arange(counts.sum())
+        mass = np.repeat(reached[at], counts) * graph.edge_p[edges]
+        reached = np.asarray(np.bincount(graph.edge_child[edges], weights=mass, minlength=N))
         if not reached.any():
             return mean, square, length, step
     raise PlanningError("the optimal policy never ends an episode")

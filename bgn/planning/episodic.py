@@ -35,10 +35,10 @@ class StartBelief(NamedTuple):
 def start_beliefs(model: POMDP | MOMDP, convention: Convention = "clean") -> tuple[StartBelief, ...]:
     """Return the beliefs a policy begins from, with their probabilities.
 
-    ``clean``: the start distribution; in a mixed-observability model the first x is seen, so one belief for each
-    x. ``hidden-first-action``: nature first takes a uniformly random action, whose observation is seen and whose
-    reward and episode end are not (the authors' environment wrappers), so one belief for each (action,
-    observation).
+    ``clean``: the start distribution; in a mixed-observability model the first x is seen, so one belief for
+    each x. ``hidden-first-action``: nature first takes a uniformly random action, whose observation is seen
+    and whose reward and episode end are not (the authors' environment wrappers), so one belief for each
+    (action, observation).
 
     Raises
     ------
@@ -74,26 +74,31 @@ def _split_by_observed(start: Floats, n_observed: int) -> Floats:
     return parts.reshape(n_observed, -1)
 
 
+def going_on(model: POMDP) -> tuple[sparse.csr_array, ...]:
+    """Return T(s, a, s') without the rows that end the episode, one (S, S) array an action."""
+    return tuple(
+        sparse.csr_array(sparse.diags_array((~ends).astype(np.float64)) @ transition)
+        for ends, transition in zip(model.reset, model.transitions, strict=True)
+    )
+
+
 def worthless_states(model: POMDP) -> NDArray[np.bool_]:
     """Return the states from which nothing can be earned or lost any more (an episode's ends), shape (S,)."""
-    earns = (model.expected_rewards != 0).any(axis=0)
-    live = earns
-    moves = [
-        sparse.csr_array((~model.reset[a])[:, None] * model.transitions[a]) for a in range(model.n_actions)
-    ]
+    live: NDArray[np.bool_] = np.asarray((model.expected_rewards != 0).any(axis=0))
+    moves = going_on(model)
     while True:
         grown = live | np.logical_or.reduce([(move @ live.astype(np.float64)) > 0 for move in moves])
         if (grown == live).all():
-            return ~live
+            return np.asarray(~live)
         live = grown
 
 
 def without_resets(model: POMDP) -> POMDP:
     """Return an equivalent model in which episodes end in an absorbing state instead of a reset.
 
-    Values of policies from the start are the same. Rewards become their expectations R(a, s). A state in which
-    every action only resets becomes absorbing itself; if others reset too, a state and an observation ``end``
-    are added, which the reset leads to.
+    Values of policies from the start are the same. Rewards become their expectations R(a, s). A state in
+    which every action only resets becomes absorbing itself; if others reset too, a state and an observation
+    ``end`` are added, which the reset leads to.
     """
     absorbing = model.reset.all(axis=0) & (model.expected_rewards == 0).all(axis=0)
     ending = model.reset & ~absorbing
@@ -114,7 +119,7 @@ def _with_end(
     model: POMDP, absorbing: NDArray[np.bool_], ending: NDArray[np.bool_]
 ) -> tuple[POMDP, NDArray[np.bool_], NDArray[np.bool_]]:
     """Add the absorbing state ``end`` with an observation of its own, and lead the endings there."""
-    S, A, O = model.n_states, model.n_actions, model.n_observations
+    S, A = model.n_states, model.n_actions
     one = sparse.csr_array(np.ones((1, 1)))
     transitions, observations = [], []
     for a in range(A):

@@ -10,7 +10,7 @@ from bgn.planning import _episodes
 from bgn.planning.alpha_vectors import AlphaVectors
 from bgn.planning.compiled import compile_model
 from bgn.planning.episodic import Convention, start_beliefs
-from bgn.planning.policies import Policy
+from bgn.planning.policies import Policy, UniformRandom
 from bgn.pomdp.model import MOMDP, POMDP
 
 #: Two-sided 95 % quantile of the normal distribution.
@@ -57,8 +57,8 @@ def evaluate(
     """Simulate a policy acting on exact beliefs.
 
     Under ``hidden-first-action`` nature opens with an unseen uniformly random action whose reward and end are
-    dropped. An episode ends with the step that resets, or after ``limit`` counted steps. ``discount`` weighs the
-    reported return; the model's own if not given. The same seed gives the same episodes.
+    dropped. An episode ends with the step that resets, or after ``limit`` counted steps. ``discount`` weighs
+    the reported return; the model's own if not given. The same seed gives the same episodes.
 
     Raises
     ------
@@ -73,10 +73,14 @@ def evaluate(
     starts = start_beliefs(model, convention)
     compiled = compile_model(joint, starts)
     world = _episodes.lay_out(model, compiled, starts, convention)
-    searches = isinstance(policy, AlphaVectors)
-    rule = _episodes.cut_to_classes(policy, compiled) if searches else _episodes.no_rule(compiled)
+    random = isinstance(policy, UniformRandom)
+    rule = (
+        _episodes.no_rule(compiled)
+        if isinstance(policy, UniformRandom)
+        else _episodes.cut_to_classes(policy, compiled)
+    )
     weight = joint.discount if discount is None else discount
-    results = _episodes.simulate(world, compiled, rule, not searches, seed, limit, weight, episodes)
+    results = _episodes.simulate(world, compiled, rule, random, seed, limit, weight, episodes)
     return Evaluation(
         episodes=episodes,
         mean=float(results[:, 0].mean()),

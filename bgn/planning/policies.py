@@ -46,7 +46,7 @@ def informed(model: POMDP, compiled: CompiledModel) -> AlphaVectors:
 
 
 def _one_each(model: POMDP, compiled: CompiledModel, q: Floats) -> AlphaVectors:
-    """Spread one vector an action, shape (A, L), over the original states; dropped states are worth nothing."""
+    """Spread one vector an action, shape (A, L), over the original states; dropped ones are worth 0."""
     vectors = np.zeros((model.n_actions, model.n_states))
     vectors[:, compiled.states] = q
     return AlphaVectors(vectors=vectors, actions=np.arange(model.n_actions))

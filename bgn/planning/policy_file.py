@@ -1,8 +1,9 @@
 """Alpha vectors in the XML format of APPL's tools (``.policy``, "PolicyX" 0.1).
 
-``<AlphaVector vectorLength numObsValue numVectors>`` holds ``<Vector action obsValue>`` elements of numbers, or
-``<SparseVector>`` ones of ``<Entry>index number</Entry>``. For a mixed-observability model ``obsValue`` is x and the
-numbers are over y; ours are always written over all states, with a single ``obsValue``.
+``<AlphaVector vectorLength numObsValue numVectors>`` holds ``<Vector action obsValue>`` elements of numbers,
+or
+``<SparseVector>`` ones of ``<Entry>index number</Entry>``. For a mixed-observability model ``obsValue`` is x
+and the numbers are over y; ours are always written over all states, with a single ``obsValue``.
 """
 
 from __future__ import annotations
@@ -42,8 +43,8 @@ def save(policy: AlphaVectors, path: str | os.PathLike[str], *, model: str = "")
 def load(path: str | os.PathLike[str]) -> AlphaVectors:
     """Read a policy.
 
-    A vector for one ``obsValue`` gets, at the states of the others, a value below all entries of the file, so that it
-    is never the best there.
+    A vector for one ``obsValue`` gets, at the states of the others, a value below all entries of the file, so
+    that it is never the best there.
 
     Raises
     ------

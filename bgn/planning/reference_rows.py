@@ -22,14 +22,14 @@ _DRIVE_EAST = "east"
 def reference_ids(domain: Domain) -> tuple[str, ...]:
     """Return the ids of the reference policies that make sense for a domain.
 
-    ``random``: uniform actions. ``sarsop``: near-optimal planning. ``qmdp``, ``fib``: greedy on the QMDP values and
-    on the fast informed bound. ``drive-east`` (RockSample): straight to the exit. ``perfect`` (robot domains): the
-    exact optimum.
+    ``random``: uniform actions. ``sarsop`` (classic domains): near-optimal planning. ``qmdp``, ``fib``:
+    greedy on the QMDP values and on the fast informed bound. ``drive-east`` (RockSample): straight to the
+    exit. ``perfect`` (robot domains): the exact optimum.
     """
-    everywhere = ("random", "sarsop", "qmdp", "fib")
     if domain.family == "robot":
-        return (*everywhere, "perfect")
-    return (*everywhere, "drive-east") if domain.id.startswith("rocksample") else everywhere
+        return ("random", "qmdp", "fib", "perfect")
+    planned = ("random", "sarsop", "qmdp", "fib")
+    return (*planned, "drive-east") if domain.id.startswith("rocksample") else planned
 
 
 def evaluate_reference(
@@ -41,12 +41,12 @@ def evaluate_reference(
     convention: Convention = "clean",
     timeout: float = 30.0,
 ) -> dict[str, float]:
-    """Plan if need be (at most ``timeout`` CPU seconds), then simulate; the same seed gives the same episodes.
+    """Plan if need be (at most ``timeout`` CPU seconds), then simulate: the seed decides the episodes.
 
     Returns ``return`` (discounted as the domain reports it), ``return_se``, ``return_sd``, ``success``,
-    ``success_se``, ``length``. ``perfect`` is exact, without simulation; it adds ``value`` (V*, discounted as in
-    training) and ``max_length``. ``sarsop`` adds ``lower_bound`` and ``upper_bound`` of the optimum (at the model's discount, without the
-    episode limit), ``solve_seconds`` (CPU) and ``vectors``.
+    ``success_se``, ``length``. ``perfect`` is exact, without simulation; it adds ``value`` (V*, discounted as
+    in training) and ``max_length``. ``sarsop`` adds ``lower_bound`` and ``upper_bound`` of the optimum (at
+    the model's discount, without the episode limit), ``solve_seconds`` (CPU) and ``vectors``.
 
     Raises
     ------
@@ -80,7 +80,7 @@ def evaluate_reference(
 
 
 def _perfect(domain: Domain) -> dict[str, float]:
-    """The exact optimum of a domain whose report is the undiscounted return, 1 for success."""
+    """Return the exact optimum of a domain that reports the undiscounted return, 1 for success."""
     optimum = solve_deterministic(domain.model)
     return {
         "return": optimum.mean_return,

@@ -1,9 +1,10 @@
 """SARSOP: point-based planning near the beliefs that optimal policies reach.
 
-H. Kurniawati, D. Hsu, W. S. Lee, "SARSOP: Efficient Point-Based POMDP Planning by Approximating Optimally Reachable
-Belief Spaces", RSS 2008. A search alternates between sampling a path of beliefs (guided by the bounds and by values
-predicted from similar beliefs), backing up alpha vectors (lower bound) and sawtooth points (upper bound) along it,
-and pruning what cannot be optimal. Both bounds hold at any time and only improve.
+H. Kurniawati, D. Hsu, W. S. Lee, "SARSOP: Efficient Point-Based POMDP Planning by Approximating Optimally
+Reachable Belief Spaces", RSS 2008. A search alternates between sampling a path of beliefs (guided by the
+bounds and by values predicted from similar beliefs), backing up alpha vectors (lower bound) and sawtooth
+points (upper bound) along it, and pruning what cannot be optimal. Both bounds hold at any time and only
+improve.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from scipy import sparse
 from bgn.planning import _kernels as kernels
 from bgn.planning.alpha_vectors import AlphaVectors
 from bgn.planning.bounds import blind_policies, fast_informed, value_scale
-from bgn.planning.compiled import CompiledModel, compile_model, restrict
+from bgn.planning.compiled import CompiledModel, Ints, compile_model, restrict
 from bgn.planning.episodic import Convention, start_beliefs
 from bgn.pomdp.model import MOMDP, POMDP
 
@@ -145,10 +146,9 @@ class Sarsop:
     def policy(self) -> AlphaVectors:
         """Return the vectors that attain the lower bound, over the original states.
 
-        With every vector the set holds those it goes on with, so acting on it earns at least the lower bound (as the
-        episode limit allows).
-        Entries outside a vector's class are the lowest value any policy can have, so every vector is a valid lower
-        bound everywhere.
+        With every vector the set holds those it goes on with, so acting on it earns at least the lower bound
+        (as far as the episode limit allows). Vectors of one action for different classes share a row, and
+        states that no belief reaches hold the lowest value there is: values hold for reachable beliefs.
         """
         search, model = self._search, self._model
         if not self._roots.size:  # the episode is over before it begins
@@ -161,12 +161,18 @@ class Sarsop:
         kernels.close_over(model, search, kept)
         alphas = search.alphas[: kept.size][kept]
         lowest = min(0.0, float(self._joint.expected_rewards.min())) / (1 - model.discount)
-        vectors = np.full((alphas.size, self._joint.n_states), lowest)
-        for vector, alpha in zip(vectors, alphas, strict=True):
-            c, at = alpha["belief_class"], alpha["at"]
-            states = model.states[model.class_first[c] : model.class_first[c + 1]]
-            vector[states] = search.alpha_entries[at : at + states.size]
-        return AlphaVectors(vectors=vectors, actions=alphas["action"].astype(np.int64))
+        vectors, actions = [], []
+        for a in range(model.n_actions):
+            of_action = alphas[alphas["action"] == a]
+            rank = _ranks(of_action["belief_class"])
+            rows = np.full((int(rank.max(initial=-1)) + 1, self._joint.n_states), lowest)
+            for alpha, row in zip(of_action, rank, strict=True):
+                c, at = alpha["belief_class"], alpha["at"]
+                states = model.states[model.class_first[c] : model.class_first[c + 1]]
+                rows[row, states] = search.alpha_entries[at : at + states.size]
+            vectors.append(rows)
+            actions.append(np.full(len(rows), a, dtype=np.int64))
+        return AlphaVectors(vectors=np.concatenate(vectors), actions=np.concatenate(actions))
 
     def _root_bounds(self) -> tuple[Any, Any]:
         for root in self._roots:
@@ -269,6 +275,15 @@ def solve(
     return Solution(policy=search.policy(), progress=search.progress(), reason=reason)
 
 
+def _ranks(labels: Ints) -> Ints:
+    """Return the number of each occurrence of a label: 0 for its first, 1 for its second, ..."""
+    order = np.argsort(labels, kind="stable")
+    ordered = labels[order]
+    ranks = np.empty(labels.size, dtype=np.int64)
+    ranks[order] = np.arange(labels.size) - np.searchsorted(ordered, ordered)
+    return ranks
+
+
 #: Which arrays grow with which count.
 _GROWING = {
     kernels.NODES: ("nodes",),
@@ -352,10 +367,5 @@ def _allocate(model: CompiledModel) -> kernels.Search:
         conditioned=np.zeros(int(np.diff(model.class_first).max(initial=1))),
     )
     search = _reserve(model, search, C * A)
-    blind = blind_policies(model)
-    for c in range(C):
-        inside = slice(model.class_first[c], model.class_first[c + 1])
-        search.default_alpha[c] = search.counts[kernels.ALPHAS] + int(blind[:, inside].mean(axis=1).argmax())
-        for a in range(A):
-            kernels.append_alpha(model, search, c, a)[:] = blind[a, inside]
+    kernels.add_blind_policies(model, search, blind_policies(model))
     return search

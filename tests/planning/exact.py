@@ -4,7 +4,7 @@ import numpy as np
 
 
 def tree_bounds(model, depth):
-    """Return (lower, upper) on V* at the start: the optimum of ``depth`` steps plus the range of what may follow."""
+    """Return (lower, upper) on V* at the start: ``depth`` optimal steps, then the least and the most."""
     T, O, _ = model.dense()
     T = np.where(model.reset[:, :, None], 0, T)
     R, gamma = model.expected_rewards, model.discount

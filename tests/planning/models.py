@@ -74,7 +74,8 @@ def random_model(seed, *, n_states=4, n_actions=2, n_observations=2, discount=0.
 
 
 def corridor(n=4, discount=0.9):
-    """Find the hidden goal of a corridor: x is the cell, or one beyond them when it has been felt; y the goal.
+    """Find the hidden goal of a corridor: x is the cell, or one beyond them when it has been felt; y the
+    goal.
 
     Moving onto the goal is felt; grasping ends the episode and earns 1 at the goal.
     """

@@ -43,7 +43,8 @@ def test_seeing_the_state_one_step_late_costs_something():
         start=[0.5, 0.5],
         discount=0.5,
     )
-    # The MDP: 1 now, 1 for ever = 2. Informed: what is to come is worth x = .5 (1 + γ x) + .5 γ x = 1 either way.
+    # The MDP: 1 now, 1 for ever = 2. Informed: what is to come is worth x = .5 (1 + γ x) + .5 γ x = 1 either
+    # way.
     assert mdp_values(compiled(coin)) == pytest.approx(np.array([[2, 1], [1, 2]]))
     assert fast_informed(compiled(coin)) == pytest.approx(np.array([[1.5, 0.5], [0.5, 1.5]]))
 

@@ -7,7 +7,8 @@ from bgn.planning.sarsop import PlanningError, solve
 from bgn.pomdp.model import MOMDP
 from tests.planning.models import corridor, guess, pomdp
 
-# Exact optima by an independent belief-tree program: value, mean and longest episode; success is certain in all.
+# Exact optima by an independent belief-tree program: value, mean and longest episode; success is certain in
+# all.
 OPTIMA = {
     ("top-plate", "paper"): (0.929579, 8.3, 12),
     ("two-bumps-1d", "paper"): (0.935953, 7.64, 16),

@@ -82,7 +82,8 @@ def test_beliefs_follow_bayes():
     policy = AlphaVectors(vectors=vectors, actions=np.array([0, 1, 2]))
     model = guess(discount=0.999999)
     outcome = evaluate(model, policy, episodes=20_000, seed=3)
-    # Two agreeing answers more on one side: p = .64 / .68; a random walk that ends at ±2 takes 2 / .68 answers.
+    # Two agreeing answers more on one side: p = .64 / .68; a random walk that ends at ±2 takes 2 / .68
+    # answers.
     right, answers = 0.64 / 0.68, 2 / 0.68
     assert outcome.length == pytest.approx(answers + 1, rel=0.02)
     assert outcome.mean == pytest.approx(right - 0.1 * answers, abs=4 * outcome.standard_error + 1e-3)

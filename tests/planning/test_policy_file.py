@@ -5,7 +5,8 @@ from bgn.planning.alpha_vectors import AlphaVectors
 from bgn.planning.policy_file import PolicyFormatError, load, save
 
 DENSE = """<?xml version="1.0" encoding="ISO-8859-1"?>
-<Policy version="0.1" type="value" model="x.pomdpx" xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" xsi:noNamespaceSchemaLocation="policyx.xsd">
+<Policy version="0.1" type="value" model="x.pomdpx"
+ xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" xsi:noNamespaceSchemaLocation="policyx.xsd">
 <AlphaVector vectorLength="2" numObsValue="3" numVectors="3">
 <Vector action="1" obsValue="0">9.5 -2 </Vector>
 <SparseVector action="3" obsValue="2"><Entry>1 0.5</Entry></SparseVector>
