@@ -52,7 +52,7 @@ def test_a_run_does_not_depend_on_its_stack(agent_id, domain_id):
 @pytest.mark.parametrize("domain_id", ["rocksample-4-4", "two-bumps-1d"])
 def test_a_run_does_not_depend_on_its_place(domain_id):
     alone = run("ah-ch+bgn", domain_id, (7,))
-    for seeds in ((7, 1, 2, 3, 4), (1, 2, 7, 3, 4), (1, 2, 3, 4, 7)):
+    for seeds in ((1, 2, 7, 3, 4), (1, 2, 3, 4, 7)):
         assert_identical(alone, run("ah-ch+bgn", domain_id, seeds))
 
 
