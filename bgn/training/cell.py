@@ -44,8 +44,9 @@ class RunResult:
     (actor's head, nats; NaN without one), seconds."""
     metrics: Mapping[str, float]
     """``train_return``/``train_success`` (last point of the curve); ``sampled_*`` and ``greedy_*``, each with
-    return, return_se, return_sd, success, success_se, length (of the fixed evaluation); ``physics_success``,
-    ``physics_success_se``, ``physics_length``, ``physics_episodes`` where physics was run; ``env_steps_per_second``,
+    return, return_se, return_sd, success, success_se, length (of the fixed evaluation), and belief_kl of a
+    grounded actor; ``physics_success``, ``physics_success_se``, ``physics_length``, ``physics_episodes``
+    where physics was run; ``env_steps_per_second``,
     ``wall_seconds``, ``cpu_seconds`` (this run's share of its stack)."""
     policy: Mapping[str, Tensor]
     """The trained actor's parameters by name, without the seed axis; see :mod:`bgn.agents.policy`."""

@@ -28,7 +28,8 @@ def evaluate(
     Returns
     -------
     ``return`` (mean, discounted as the domain reports it), ``return_se`` and ``return_sd`` (over episodes),
-    ``success``, ``success_se``, ``length`` (mean counted steps).
+    ``success``, ``success_se``, ``length`` (mean counted steps); of a grounded actor also ``belief_kl``, the mean over
+    steps of KL(b ‖ b̂) in nats: how far the belief it reconstructs is from the exact one.
     """
     purpose = Purpose.GREEDY_EVALUATION if greedy else Purpose.SAMPLED_EVALUATION
     streams = RandomStreams(networks.parameters.seeds, purpose, networks.parameters.device)
@@ -37,8 +38,11 @@ def evaluate(
         episodes_here = min(BATCH, episodes - first)
         batch = _Batch(networks, domain, settings, episodes_here, streams, first * (domain.episode_limit + 1))
         batches.append(batch.run(greedy=greedy))
-    returns, totals, lengths = torch.cat(batches, 1).double().cpu()
-    return _summary(returns, totals, lengths)
+    returns, totals, lengths, divergences = torch.cat(batches, 1).double().cpu()
+    summary = _summary(returns, totals, lengths)
+    if networks.actor.grounding is not None:
+        summary["belief_kl"] = (divergences.sum() / lengths.sum()).item()
+    return summary
 
 
 class _Batch:
@@ -61,17 +65,18 @@ class _Batch:
             episodes,
             device=device,
             hidden_first_action=settings.hidden_first_action,
-            track_beliefs=networks.actor.kind == "belief",
+            track_beliefs=networks.actor.kind == "belief" or networks.actor.grounding is not None,
         )
         self.world.reset(streams.block(first_block, 1, episodes, START_VARIATES)[0])
         self.hidden = torch.zeros(1, episodes, networks.hidden_width, device=device)
         self.alive = torch.ones(episodes, device=device)
         self.episode = torch.arange(episodes, device=device)  # which episode a lane holds
-        self.results = torch.zeros(3, episodes, device=device)  # discounted return, plain sum, length
+        # Discounted return, plain sum, length, and sum of the belief's divergences.
+        self.results = torch.zeros(4, episodes, device=device)
 
     @torch.no_grad()
     def run(self, *, greedy: bool) -> Tensor:
-        """Play to the end; returns (3, episodes): discounted returns, plain sums of rewards, lengths."""
+        """Play to the end; returns (4, episodes): the rows of ``results``."""
         self.networks.prepare()
         for t in range(self.domain.episode_limit):
             self._step(t, greedy)
@@ -82,14 +87,25 @@ class _Batch:
     def _step(self, t: int, greedy: bool) -> None:
         drawn = self.streams.block(self.first_block + 1 + t, 1, self.episodes, 1 + STEP_VARIATES)[0]
         variates = drawn[self.episode]
-        self.hidden, logits = self.networks.act(self.world.inputs, self.hidden)
+        features, self.hidden = self.networks.actor_features(self.world.inputs, self.hidden)
+        logits = self.networks.actor.head.forward(features)
+        divergence = self._divergence(features) * self.alive
         action = logits.argmax(-1) if greedy else sample_actions(logits.softmax(-1), variates[None, :, 0])
         outcome = self.world.step(action[0], variates[:, 1:], self.world.inputs)
         earned = outcome.reward * self.alive
         discount: float = self.domain.report_discount**t
-        step = torch.stack((earned * discount, earned, self.alive))
+        step = torch.stack((earned * discount, earned, self.alive, divergence))
         self.results.index_add_(1, self.episode, step)
         self.alive = self.alive * ~(outcome.ended | outcome.truncated)
+
+    def _divergence(self, features: Tensor) -> Tensor:
+        """KL(b ‖ b̂) of every lane, before it acts; zero for an actor that reconstructs no belief."""
+        grounding, belief = self.networks.actor.grounding, self.world.inputs.belief
+        if grounding is None:
+            return torch.zeros_like(self.alive)
+        reconstructed = torch.log_softmax(grounding.forward(features)[0], -1)
+        divergence: Tensor = -(torch.special.entr(belief) + belief * reconstructed).sum(-1)
+        return divergence
 
     def _drop_finished(self) -> bool:
         """Go on with the unfinished episodes; False if there are none."""

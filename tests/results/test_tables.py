@@ -37,7 +37,7 @@ RUNS = [
     run("rocksample-4-4", "ah-ch", train_return=7.0, older=True),
     run("rocksample-4-4", "ah-ch", train_return=9.0),
     run("top-plate", "ah-ch+bgn", train_success=1.0, sampled_success=1.0, physics_success=0.95)
-    | {"sampled_length": 9.25},
+    | {"sampled_length": 9.25, "sampled_belief_kl": 0.5},
     run("top-plate", "ah-ch", train_success=0.1, sampled_success=0.1, physics_success=0.15),
 ]
 REFERENCES = [
@@ -138,6 +138,9 @@ def test_all_metrics_mark_the_paper_s() -> None:
     table = rows(tables.all_metrics(evidence()))
     assert table["Hallway", "last 100 training"]["Ah-Ch+BGN"] == "0.45±0.05"
     assert table["Hallway", "evaluated, greedy *"]["Ah-Ch+BGN"] == "0.54±0.02"
+    assert table["TopPlate", "KL of the belief, nats"]["Ah-Ch+BGN"] == "0.50±0.00"
+    assert table["TopPlate", "KL of the belief, nats"]["Ah-Ch"] == "–"
+    assert ("Hallway", "KL of the belief, nats") not in table
 
 
 def test_tables_without_any_reference_rows() -> None:

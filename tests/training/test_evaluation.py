@@ -106,3 +106,23 @@ def test_one_episode_has_no_standard_error():
     )
     assert np.isnan(summary["return_se"])
     assert torch.tensor(summary["return_sd"]) == 0
+
+
+def test_the_divergence_of_a_uniform_reconstruction_is_what_the_belief_knows():
+    """b̂ = 1/Y: KL(b ‖ b̂) = ln Y - H(b). TopPlate's finger that grasps at once never learns anything: b is uniform."""
+    domain = domains.get("top-plate")
+    networks = uniform("ah-ch+bgn", "top-plate")
+    for part in ("weight", "bias"):
+        networks.parameters[f"actor.belief.{part}"].zero_()
+    summary = evaluate(networks, domain, Hyperparameters(), 200, greedy=False)
+    assert 0.1 < summary["belief_kl"] < np.log(10)  # it moves, and learns something
+    networks.parameters["actor.head.bias"][:, domain.model.joint.action_names.index("grasp")] = 50.0
+    at_once = evaluate(networks, domain, Hyperparameters(), 200, greedy=False)
+    assert at_once["length"] == 1
+    assert at_once["belief_kl"] == pytest.approx(0.0, abs=1e-6)
+    networks.parameters["actor.belief.bias"][:, 0] = np.log(2.0)  # b̂ = (2, 1, ..., 1) / 11
+    tilted = evaluate(networks, domain, Hyperparameters(), 200, greedy=False)
+    assert tilted["belief_kl"] == pytest.approx(np.log(11 / 10) - np.log(2) / 10, abs=1e-6)
+    assert "belief_kl" not in evaluate(
+        uniform("ah-ch", "top-plate"), domain, Hyperparameters(), 2, greedy=True
+    )
