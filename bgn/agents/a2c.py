@@ -123,10 +123,9 @@ class RMSProp:
     def __init__(self, parameters: Parameters, *, rate: float, decay: float, epsilon: float) -> None:
         self._parameters = parameters
         values = parameters.by_seed(parameters.values)
-        moments = parameters.by_seed(torch.zeros_like(parameters.values))
         squares = parameters.by_seed(parameters.mean_squares)
         gradients = parameters.by_seed(parameters.gradients)
-        self._seeds = list(zip(values, gradients, moments, squares, strict=True))
+        self._seeds = list(zip(values, gradients, squares, strict=True))
         self._steps = [torch.tensor(1e9, device=parameters.device) for _ in values[0]]
         self._options = {"lr": rate, "beta2": decay, "eps": epsilon}
 
@@ -135,11 +134,11 @@ class RMSProp:
         norms = self._parameters.norms(self._parameters.gradients)
         # As torch's clip_grad_norm_: the factor is max_norm / (norm + 1e-6), at most one.
         divisors = ((norms + 1e-6) / max_norm).clamp_min_(1.0)
-        for (values, gradients, moments, squares), divisor in zip(self._seeds, divisors, strict=True):
+        for (values, gradients, squares), divisor in zip(self._seeds, divisors, strict=True):
             torch._fused_adam_(
                 values,
                 gradients,
-                moments,
+                gradients,  # with β₁ = 0 the first moment is the gradient
                 squares,
                 [],
                 self._steps,
