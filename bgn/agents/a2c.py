@@ -95,12 +95,15 @@ def critic_loss(advantages: Tensor, weight: float) -> HeadLoss:
 def belief_loss(logits: Tensor, belief: Tensor, weight: float) -> HeadLoss:
     """Cross-entropy H(b, b̂) in nats (Eq. 3), unweighted; the gradient in the logits carries ``weight``.
 
-    ``logits`` (S, N, Y) of b̂; ``belief`` (S, N, Y) is b, whose rows sum to one.
+    ``logits`` (S, N, Y) of b̂ are overwritten; ``belief`` (S, N, Y) is b, whose rows sum to one.
     """
-    log_reconstruction = torch.log_softmax(logits, -1)
-    loss = -(belief * log_reconstruction).sum(-1).mean(1)
-    gradient = log_reconstruction.exp_().sub_(belief).mul_(weight / logits.shape[1])
-    return HeadLoss(loss, gradient)
+    share = weight / logits.shape[1]
+    shifted = logits.sub_(logits.amax(-1, keepdim=True))
+    explained = (belief * shifted).sum(-1)
+    odds = shifted.exp_()
+    total = odds.sum(-1, keepdim=True)
+    loss = (total.log()[..., 0] - explained).mean(1)
+    return HeadLoss(loss, odds.mul_(share / total).sub_(belief, alpha=share))
 
 
 def sample_actions(policy: Tensor, variates: Tensor) -> Tensor:

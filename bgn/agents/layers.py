@@ -111,7 +111,7 @@ class _Slot(NamedTuple):
     """Where one step of a recurrence goes, each (S, L, width); None: into memory of its own."""
 
     entering: Tensor | None = None  # what is left of the memory
-    recalled: Tensor | None = None  # its product with the recurrent weights, (r, z, n)
+    recalled: Tensor | None = None  # its product with the recurrent weights of n
     rz: Tensor | None = None
     n: Tensor | None = None
     features: Tensor | None = None  # the memory after
@@ -141,7 +141,7 @@ class Recurrence:
             return torch.zeros(seeds, slots, lanes, width, device=device)
 
         self.entering, self.features = buffer(HIDDEN), buffer(HIDDEN)
-        self.recalled, self.rz, self.n = buffer(3 * HIDDEN), buffer(2 * HIDDEN), buffer(HIDDEN)
+        self.recalled, self.rz, self.n = buffer(HIDDEN), buffer(2 * HIDDEN), buffer(HIDDEN)
         self.d_gates = buffer(4 * HIDDEN)
         written = (self.entering, self.recalled, self.rz, self.n, self.features)
         self._slots = [_Slot(*views) for views in zip(*(b.unbind(1) for b in written), strict=True)]
@@ -183,9 +183,12 @@ class Recurrence:
         b = self.parameters[f"{self.name}.recurrent.bias"][:, None]
         given = self._gates_of_input(observation, last_action)
         h = torch.mul(hidden, (~fresh).float()[:, :, None], out=slot.entering)
-        recalled = torch.baddbmm(b, h, W, out=slot.recalled)
-        rz = torch.add(given[..., HIDDEN:], recalled[..., : 2 * HIDDEN], out=slot.rz).sigmoid_()
-        doubled = given[..., :HIDDEN].addcmul_(rz[..., :HIDDEN], recalled[..., 2 * HIDDEN :]).mul_(2)
+        product = torch.baddbmm(b, h, W)
+        recalled = product[..., 2 * HIDDEN :]
+        if slot.recalled is not None:
+            slot.recalled.copy_(recalled)
+        rz = torch.add(given[..., HIDDEN:], product[..., : 2 * HIDDEN], out=slot.rz).sigmoid_()
+        doubled = given[..., :HIDDEN].addcmul_(rz[..., :HIDDEN], recalled).mul_(2)
         n = tanh_of_half(doubled, slot.n)
         return torch.lerp(n, h, rz[..., HIDDEN:], out=slot.features)
 
@@ -199,7 +202,7 @@ class Recurrence:
         r, z = self.rz[:, :steps, :, :HIDDEN], self.rz[:, :steps, :, HIDDEN:]
         per_z = torch.ops.aten.sigmoid_backward(h - n, z)
         per_n = torch.ops.aten.tanh_backward(1 - z, n)
-        per_r = torch.ops.aten.sigmoid_backward(self.recalled[:, :steps, :, 2 * HIDDEN :], r)
+        per_r = torch.ops.aten.sigmoid_backward(self.recalled[:, :steps], r)
         goes_on = (~fresh).float()[..., None]
         through = z * goes_on
         D = self.d_gates

@@ -53,9 +53,9 @@ class Sensing:
 class Filter:
     """Predecessor lists of the belief's prediction step; row xa = x * A + a, P the longest list."""
 
-    source: Tensor | None  # (X*A, Y*P) int64 hidden predecessors; None where the hidden part never moves
-    weight: Tensor  # (X*A, Y*P) float32 transition probabilities
-    arrives: Tensor | None  # (X*A, Y*P) int64 the x' this transition leads to; None if X = 1
+    source: Tensor | None  # (X*A, P*Y) int64 hidden predecessors; None where the hidden part never moves
+    weight: Tensor  # (X*A, P*Y) float32 transition probabilities
+    arrives: Tensor | None  # (X*A, P*Y) int64 the x' this transition leads to; None if X = 1
     listed: int  # P
     hubs: Tensor | None  # (H,) int64 hidden states with too many predecessors for a list
     hub_weight: Tensor | None  # (X*A, H, Y) float32
@@ -203,23 +203,23 @@ def _filter(domain: Domain, entries: _Entries, device: torch.device) -> Filter:
     is_hub[hubs] = True
     P = max(1, int(counts.reshape(X * A, Y)[:, ~is_hub].max(initial=1)))
     listed = ~is_hub[y_next[order]]
-    at = (key[order][listed], position[listed])
-    source = np.tile(np.arange(Y), X * A)[:, None].repeat(P, axis=1)
-    weight = np.zeros((X * A * Y, P), dtype=np.float32)
-    arrives = np.full((X * A * Y, P), -1, dtype=np.int64)
+    at = (row[order][listed], position[listed], y_next[order][listed])
+    source = np.tile(np.arange(Y), (X * A, P, 1))
+    weight = np.zeros((X * A, P, Y), dtype=np.float32)
+    arrives = np.full((X * A, P, Y), -1, dtype=np.int64)
     source[at] = y[order][listed]
     weight[at] = entries.probability[order][listed]
     arrives[at] = x_next[order][listed]
-    static = P == 1 and bool((source[:, 0] == np.tile(np.arange(Y), X * A)).all())
+    static = P == 1 and bool((source == np.arange(Y)).all())
     hub_weight = np.zeros((X * A, len(hubs), Y), dtype=np.float32)
     for h, hub in enumerate(hubs):
         into = y_next == hub
         np.add.at(hub_weight, (row[into], h, y[into]), entries.probability[into])
     keep = domain.elimination
     return Filter(
-        source=None if static else _tensor(source.reshape(X * A, Y * P), device),
-        weight=_tensor(weight.reshape(X * A, Y * P), device),
-        arrives=_tensor(arrives.reshape(X * A, Y * P), device) if X > 1 else None,
+        source=None if static else _tensor(source.reshape(X * A, P * Y), device),
+        weight=_tensor(weight.reshape(X * A, P * Y), device),
+        arrives=_tensor(arrives.reshape(X * A, P * Y), device) if X > 1 else None,
         listed=P,
         hubs=_tensor(hubs, device) if len(hubs) else None,
         hub_weight=_tensor(hub_weight, device) if len(hubs) else None,

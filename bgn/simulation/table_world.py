@@ -212,7 +212,7 @@ class TableWorld:
         if rule.arrives is not None:
             mass *= rule.arrives.index_select(0, row) == observed[:, None]
         if rule.listed > 1:
-            mass = mass.view(-1, Y, rule.listed).sum(2)
+            mass = mass.view(-1, rule.listed, Y).sum(1)
         if rule.hubs is not None and rule.hub_weight is not None:
             mass[:, rule.hubs] = torch.bmm(rule.hub_weight.index_select(0, row), now.belief[:, :, None])[
                 :, :, 0
