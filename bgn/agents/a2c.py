@@ -44,7 +44,7 @@ def generalized_advantages(
     (S, T, L) advantages.
     """
     steps = rewards.shape[1]
-    goes_on = ~(ended | truncated)
+    goes_on = (ended | truncated).logical_not_()
     following = torch.where(goes_on, values[:, 1:], 0.0)
     if arrival_values is not None:
         following = torch.where(truncated, arrival_values, following)
@@ -52,11 +52,11 @@ def generalized_advantages(
     if arrival_values is None:
         errors = errors.masked_fill(truncated, 0.0)
     decay = goes_on * (discount * trace_decay)
-    advantages = torch.empty_like(errors)
-    advantages[:, -1] = errors[:, -1]
+    by_step = list(errors.unbind(1))
+    factors = decay.unbind(1)
     for t in reversed(range(steps - 1)):
-        torch.addcmul(errors[:, t], decay[:, t], advantages[:, t + 1], out=advantages[:, t])
-    return advantages
+        by_step[t].addcmul_(factors[t], by_step[t + 1])
+    return errors
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ class RMSProp:
 
     def step(self, max_norm: float) -> Tensor:
         """Scale each seed's gradient down to ``max_norm`` and apply it; returns the norms before (S,)."""
-        norms = self._parameters.norms(self._parameters.gradients)
+        norms = self._parameters.gradient_norms()
         # As torch's clip_grad_norm_: the factor is max_norm / (norm + 1e-6), at most one.
         divisors = ((norms + 1e-6) / max_norm).clamp_min_(1.0)
         for (values, gradients, squares), divisor in zip(self._seeds, divisors, strict=True):
@@ -175,11 +175,11 @@ class RewardScaler:
 
     def scale(self, rewards: Tensor, done: Tensor) -> Tensor:
         """Scale rewards (S, T, L) of one rollout, each step by the statistics up to and with that step."""
-        accumulated = torch.empty_like(rewards)
-        for t in range(rewards.shape[1]):
-            torch.add(rewards[:, t], self.returns, alpha=self.DISCOUNT, out=accumulated[:, t])
-            torch.mul(accumulated[:, t], ~done[:, t], out=self.returns)
-        samples = accumulated.double()
+        accumulated = []
+        for reward, goes_on in zip(rewards.unbind(1), (~done).float().unbind(1), strict=True):
+            accumulated.append(torch.add(reward, self.returns, alpha=self.DISCOUNT))
+            torch.mul(accumulated[-1], goes_on, out=self.returns)
+        samples = torch.stack(accumulated, 1).double()
         new = torch.stack((torch.ones_like(samples), samples, samples * samples), -1).sum(2)  # (S, T, 3)
         running = self.sums[:, None] + new.cumsum(1)
         count, total, squares = running.unbind(-1)

@@ -117,6 +117,16 @@ class _Slot(NamedTuple):
     features: Tensor | None = None  # the memory after
 
 
+class _GateGradients(NamedTuple):
+    """Where the gradients of one step's pre-activations go, each (S, L, H)."""
+
+    input_n: Tensor
+    r: Tensor
+    z: Tensor
+    recurrent_n: Tensor
+    recurrent: Tensor  # (S, L, 3H): the last three
+
+
 class Recurrence:
     """A GRU over (observation, last action) pairs, with truncated back-propagation through one rollout.
 
@@ -143,6 +153,9 @@ class Recurrence:
         self.entering, self.features = buffer(HIDDEN), buffer(HIDDEN)
         self.recalled, self.rz, self.n = buffer(HIDDEN), buffer(2 * HIDDEN), buffer(HIDDEN)
         self.d_gates = buffer(4 * HIDDEN)
+        self._d_slots = [
+            _GateGradients(*slot.split(HIDDEN, -1), slot[..., HIDDEN:]) for slot in self.d_gates.unbind(1)
+        ]
         written = (self.entering, self.recalled, self.rz, self.n, self.features)
         self._slots = [_Slot(*views) for views in zip(*(b.unbind(1) for b in written), strict=True)]
         self.hidden = torch.zeros(seeds, lanes, HIDDEN, device=device)
@@ -151,14 +164,15 @@ class Recurrence:
         """Make this update's look-up tables, (S, Ω, 3H) and (S, A + 1, 3H)."""
         W, split = self.parameters[f"{self.name}.input.weight"], self.observations.width
         bias = self.parameters[f"{self.name}.input.bias"]
-        self._first_row = torch.arange(len(W), device=W.device)[:, None]
+        seed = torch.arange(len(W), device=W.device)[:, None]
+        self._first_observation, self._first_action = seed * self.observations.n, seed * self.actions.n
         self._observation_rows = self.observations.products(W[:, :split]).add_(bias[:, None]).flatten(0, 1)
         self._action_rows = self.actions.products(W[:, split:]).flatten(0, 1)
 
     def _gates_of_input(self, observation: Tensor, last_action: Tensor) -> Tensor:
         """(S, N) indices to (S, N, 3H) pre-activations."""
-        seen = (self._first_row * self.observations.n + observation).flatten()
-        done = (self._first_row * self.actions.n + last_action).flatten()
+        seen = (self._first_observation + observation).flatten()
+        done = (self._first_action + last_action).flatten()
         gates = self._observation_rows.index_select(0, seen).add_(self._action_rows.index_select(0, done))
         return gates.view(*observation.shape, -1)
 
@@ -180,17 +194,15 @@ class Recurrence:
     ) -> Tensor:
         """Return the memory after one input, keeping in ``slot`` what it has place for."""
         W = self.parameters[f"{self.name}.recurrent.weight"]
-        b = self.parameters[f"{self.name}.recurrent.bias"][:, None]
-        given = self._gates_of_input(observation, last_action)
-        h = torch.mul(hidden, (~fresh).float()[:, :, None], out=slot.entering)
-        product = torch.baddbmm(b, h, W)
-        recalled = product[..., 2 * HIDDEN :]
+        b = self.parameters[f"{self.name}.recurrent.bias"].unsqueeze(1)
+        input_n, input_rz = self._gates_of_input(observation, last_action).split((HIDDEN, 2 * HIDDEN), -1)
+        h = torch.mul(hidden, (~fresh).float().unsqueeze(2), out=slot.entering)
+        recurrent_rz, recalled = torch.baddbmm(b, h, W).split((2 * HIDDEN, HIDDEN), -1)
         if slot.recalled is not None:
             slot.recalled.copy_(recalled)
-        rz = torch.add(given[..., HIDDEN:], product[..., : 2 * HIDDEN], out=slot.rz).sigmoid_()
-        doubled = given[..., :HIDDEN].addcmul_(rz[..., :HIDDEN], recalled).mul_(2)
-        n = tanh_of_half(doubled, slot.n)
-        return torch.lerp(n, h, rz[..., HIDDEN:], out=slot.features)
+        r, z = torch.add(input_rz, recurrent_rz, out=slot.rz).sigmoid_().split(HIDDEN, -1)
+        n = tanh_of_half(input_n.addcmul_(r, recalled).mul_(2), slot.n)
+        return torch.lerp(n, h, z, out=slot.features)
 
     def backward(self, d_features: Tensor, steps: int, one_hot: Tensor, fresh: Tensor) -> None:
         """Back-propagate (S, T, L, H) through the T steps of the rollout and write all gradients.
@@ -205,18 +217,19 @@ class Recurrence:
         per_r = torch.ops.aten.sigmoid_backward(self.recalled[:, :steps], r)
         goes_on = (~fresh).float()[..., None]
         through = z * goes_on
-        D = self.d_gates
+        factors = (d_features, per_n, per_r, per_z, r, goes_on, through)
+        by_step = list(zip(*(factor.unbind(1) for factor in factors), self._d_slots[:steps], strict=True))
         d_hidden: Tensor | None = None
         for t in reversed(range(steps)):
-            dh = d_features[:, t] if d_hidden is None else d_hidden.add_(d_features[:, t])
-            dn = torch.mul(dh, per_n[:, t], out=D[:, t, :, :HIDDEN])
-            torch.mul(dn, per_r[:, t], out=D[:, t, :, HIDDEN : 2 * HIDDEN])
-            torch.mul(dh, per_z[:, t], out=D[:, t, :, 2 * HIDDEN : 3 * HIDDEN])
-            torch.mul(dn, r[:, t], out=D[:, t, :, 3 * HIDDEN :])
+            d, by_n, by_r, by_z, r_t, on, kept, slot = by_step[t]
+            dh = d if d_hidden is None else d_hidden.add_(d)
+            dn = torch.mul(dh, by_n, out=slot.input_n)
+            torch.mul(dn, by_r, out=slot.r)
+            torch.mul(dh, by_z, out=slot.z)
+            torch.mul(dn, r_t, out=slot.recurrent_n)
             if t > 0:
-                d_hidden = torch.bmm(D[:, t, :, HIDDEN:], W).mul_(goes_on[:, t])
-                d_hidden.addcmul_(dh, through[:, t])
-        gates = D[:, :steps].flatten(1, 2)  # (S, T*L, 4H)
+                d_hidden = torch.bmm(slot.recurrent, W).mul_(on).addcmul_(dh, kept)
+        gates = self.d_gates[:, :steps].flatten(1, 2)  # (S, T*L, 4H)
         self._write_gradients(gates, h.flatten(1, 2), one_hot)
 
     def _write_gradients(self, gates: Tensor, h: Tensor, one_hot: Tensor) -> None:

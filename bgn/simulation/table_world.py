@@ -38,9 +38,9 @@ class Inputs:
     belief: Tensor  # (N, Y) float32 b_Y; left alone unless the world tracks beliefs
     fresh: Tensor  # (N,) bool: this input opens an episode
 
-    def rows(self, start: int, stop: int) -> Inputs:
-        """View the lanes ``start`` to ``stop``."""
-        return Inputs(*(v[start:stop] for v in vars(self).values()))
+    def split(self, parts: int) -> list[Inputs]:
+        """View the lanes as that many equal parts."""
+        return [Inputs(*views) for views in zip(*(v.chunk(parts) for v in vars(self).values()), strict=True)]
 
     def clone(self) -> Inputs:
         """Copy all tensors."""
@@ -119,7 +119,7 @@ class TableWorld:
         """Draw first inputs of new episodes from ``variates`` (M, 4), without touching the lanes."""
         opening = self.tables.opening
         pick = torch.searchsorted(opening.cumulative, variates[:, 0].contiguous(), right=True)
-        state = opening.states[pick]
+        state = opening.states.index_select(0, pick)
         A, W = self.tables.n_actions, self.tables.n_observations
         if not self.hidden_first_action:
             observed = self._observed(state)
@@ -152,8 +152,8 @@ class TableWorld:
         observation = self._observe(state, observed, action, variates[:, 1])
         if dynamics.reward_width > 1:
             entry = entry * dynamics.reward_width + observation
-        reward = dynamics.reward[entry]
-        ended = dynamics.ends[now.state * self.tables.n_actions + action]
+        reward = dynamics.reward.index_select(0, entry)
+        ended = dynamics.ends.index_select(0, now.state * self.tables.n_actions + action)
         self.steps += 1
         truncated = (self.steps >= self.domain.episode_limit) & ~ended
         done = ended | truncated
@@ -176,7 +176,7 @@ class TableWorld:
         if dynamics.width > 1:
             pick = (u[:, None] >= dynamics.cumulative.index_select(0, pair)).sum(1)
             pair = pair * dynamics.width + pick
-        return pair, dynamics.successor[pair]
+        return pair, dynamics.successor.index_select(0, pair)
 
     def _observed(self, state: Tensor) -> Tensor:
         if self.tables.n_observed == 1:
@@ -186,7 +186,7 @@ class TableWorld:
     def _observe(self, state: Tensor, observed: Tensor, action: Tensor, u: Tensor) -> Tensor:
         sensing = self.tables.sensing
         if sensing.of_observed is not None:
-            return sensing.of_observed[observed]
+            return sensing.of_observed.index_select(0, observed)
         assert sensing.cumulative is not None
         row = action * self.tables.n_states + state
         return (u[:, None] >= sensing.cumulative.index_select(0, row)).sum(1)
