@@ -71,11 +71,13 @@ class Dense:
         """Write the parameters' gradients; return the input's."""
         if self.tanh:
             dy = torch.ops.aten.tanh_backward(dy, y)
-        torch.bmm(x.transpose(1, 2), dy, out=self.parameters.gradient(f"{self.name}.weight"))
+        W, dW = self.parameters[f"{self.name}.weight"], self.parameters.gradient(f"{self.name}.weight")
         torch.sum(dy, 1, out=self.parameters.gradient(f"{self.name}.bias"))
-        if not want_dx:
-            return None
-        return torch.bmm(dy, self.parameters[f"{self.name}.weight"].transpose(1, 2))
+        if self.n_out == 1:  # too narrow for a product to be fast
+            torch.sum(x * dy, 1, out=dW[..., 0])
+            return dy * W.transpose(1, 2) if want_dx else None
+        torch.bmm(x.transpose(1, 2), dy, out=dW)
+        return torch.bmm(dy, W.transpose(1, 2)) if want_dx else None
 
 
 class Lookup:
@@ -126,6 +128,12 @@ class _GateGradients(NamedTuple):
     recurrent_n: Tensor
     recurrent: Tensor  # (S, L, 3H): the last three
 
+    @classmethod
+    def within(cls, slot: Tensor) -> _GateGradients:
+        """Split (S, L, 4H)."""
+        input_n, r, z, recurrent_n = slot.chunk(4, -1)
+        return cls(input_n, r, z, recurrent_n, slot[..., HIDDEN:])
+
 
 class Recurrence:
     """A GRU over (observation, last action) pairs, with truncated back-propagation through one rollout.
@@ -153,10 +161,9 @@ class Recurrence:
         self.entering, self.features = buffer(HIDDEN), buffer(HIDDEN)
         self.recalled, self.rz, self.n = buffer(HIDDEN), buffer(2 * HIDDEN), buffer(HIDDEN)
         self.d_gates = buffer(4 * HIDDEN)
-        self._d_slots = [
-            _GateGradients(*slot.split(HIDDEN, -1), slot[..., HIDDEN:]) for slot in self.d_gates.unbind(1)
-        ]
+        self._d_slots = [_GateGradients.within(slot) for slot in self.d_gates.unbind(1)]
         written = (self.entering, self.recalled, self.rz, self.n, self.features)
+        self._memories = self.features.unbind(1)
         self._slots = [_Slot(*views) for views in zip(*(b.unbind(1) for b in written), strict=True)]
         self.hidden = torch.zeros(seeds, lanes, HIDDEN, device=device)
 
@@ -178,7 +185,7 @@ class Recurrence:
 
     def step(self, t: int, observation: Tensor, last_action: Tensor, fresh: Tensor) -> Tensor:
         """Fill slot ``t`` from (S, L) indices, memory being empty where ``fresh``; returns (S, L, H)."""
-        before = self.hidden if t == 0 else self._slots[t - 1].features
+        before = self.hidden if t == 0 else self._memories[t - 1]
         return self._advance(before, observation, last_action, fresh, self._slots[t])
 
     def carry(self, steps: int) -> None:
@@ -195,12 +202,14 @@ class Recurrence:
         """Return the memory after one input, keeping in ``slot`` what it has place for."""
         W = self.parameters[f"{self.name}.recurrent.weight"]
         b = self.parameters[f"{self.name}.recurrent.bias"].unsqueeze(1)
-        input_n, input_rz = self._gates_of_input(observation, last_action).split((HIDDEN, 2 * HIDDEN), -1)
+        input_n, input_rz = self._gates_of_input(observation, last_action).split_with_sizes(
+            (HIDDEN, 2 * HIDDEN), -1
+        )
         h = torch.mul(hidden, (~fresh).float().unsqueeze(2), out=slot.entering)
-        recurrent_rz, recalled = torch.baddbmm(b, h, W).split((2 * HIDDEN, HIDDEN), -1)
+        recurrent_rz, recalled = torch.baddbmm(b, h, W).split_with_sizes((2 * HIDDEN, HIDDEN), -1)
         if slot.recalled is not None:
             slot.recalled.copy_(recalled)
-        r, z = torch.add(input_rz, recurrent_rz, out=slot.rz).sigmoid_().split(HIDDEN, -1)
+        r, z = torch.add(input_rz, recurrent_rz, out=slot.rz).sigmoid_().chunk(2, -1)
         n = tanh_of_half(input_n.addcmul_(r, recalled).mul_(2), slot.n)
         return torch.lerp(n, h, z, out=slot.features)
 

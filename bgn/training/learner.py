@@ -125,7 +125,7 @@ class Learner:
                 actor.recurrence.step(t, *memory.slots[t])
             log_policy = torch.log_softmax(actor.step(t, memory), -1)
             self._taken[t].log_policy.copy_(log_policy)
-            u, for_world, _ = variates[t].split((1, STEP_VARIATES, START_VARIATES), 1)
+            u, for_world, _ = variates[t].split_with_sizes((1, STEP_VARIATES, START_VARIATES), 1)
             self._taken[t].action.copy_(sample_actions(log_policy.exp(), u.view(log_policy.shape[:2])))
             before = self.seen
             outcome = self._step_world(t, for_world, openings[t])
