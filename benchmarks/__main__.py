@@ -7,18 +7,23 @@ import contextlib
 import os
 import pathlib
 import sys
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 
 from rich.console import Console
 
-from benchmarks import local_executor, plan, progress, registry, report
+from benchmarks import local_executor, plan, progress, registry, report, stream_executor
+from benchmarks.events import Event
 from benchmarks.plan import Selection, State
 from benchmarks.registry import Registry, RegistryError
-from benchmarks.tasks import Tools
+from benchmarks.tasks import CellTask, Task, Tools
 from bgn.domains import UnknownDomainError
 from bgn.results.store import StoreError
 
 _FAILED, _USAGE, _INTERRUPTED = 1, 2, 130
+
+
+class DeviceError(RuntimeError):
+    """The device that was asked for is not there."""
 
 
 def main(arguments: Sequence[str] | None = None, *, tools: Tools = Tools()) -> int:  # noqa: B008
@@ -29,10 +34,11 @@ def main(arguments: Sequence[str] | None = None, *, tools: Tools = Tools()) -> i
         options = _parser(benchmark).parse_args(arguments)
         selection = _select(benchmark, options)
         if options.command == "run":
+            _check_device(options.device)
             return _run(selection, options, tools, console)
         show = {"status": _show_status, "tables": _show_tables}[options.command]
         return show(selection, options, console)
-    except (RegistryError, StoreError, UnknownDomainError) as error:
+    except (RegistryError, StoreError, UnknownDomainError, DeviceError) as error:
         print(f"error: {error}", file=sys.stderr)
         return _USAGE
     except KeyboardInterrupt:
@@ -49,7 +55,7 @@ def _run(selection: Selection, options: argparse.Namespace, tools: Tools, consol
         done = len(wanted) - len(lacking)
         console.print(f"{done} of {len(wanted)} runs and reference rows are done.", highlight=False)
         if tasks:
-            events = local_executor.run_tasks(tasks, jobs=options.jobs, tools=tools)
+            events = _execute(tasks, options, tools)
             with progress.display(tasks, console) as display, contextlib.closing(events):
                 for event in events:
                     display.note(event)
@@ -59,6 +65,26 @@ def _run(selection: Selection, options: argparse.Namespace, tools: Tools, consol
         return 0
     report.show_missing(statuses, console)
     return _FAILED
+
+
+def _check_device(device: str) -> None:
+    if device == "cpu":
+        return
+    import torch  # imported here because it takes seconds, and only workers need it otherwise
+
+    if not torch.cuda.is_available():
+        build = torch.version.cuda or "none, this is a build for the CPU"
+        raise DeviceError(
+            f"--device cuda: torch {torch.__version__} sees no GPU (its CUDA: {build}); use --device cpu"
+        )
+
+
+def _execute(tasks: Sequence[Task], options: argparse.Namespace, tools: Tools) -> Generator[Event]:
+    """Do all tasks: on the CPU in processes; on a GPU the cells in threads, the planners before them."""
+    on_gpu = [task for task in tasks if isinstance(task, CellTask) and task.device == "cuda"]
+    on_cpu = [task for task in tasks if task not in on_gpu]
+    yield from local_executor.run_tasks(on_cpu, jobs=options.jobs, tools=tools)
+    yield from stream_executor.run_tasks(on_gpu, jobs=options.jobs, tools=tools)
 
 
 def _show_status(selection: Selection, options: argparse.Namespace, console: Console) -> int:

@@ -8,11 +8,11 @@ import os
 import signal
 from collections import deque
 from collections.abc import Generator, Iterator, Sequence
-from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any
 
+from benchmarks.events import Advanced, Event, Finished, Started
 from benchmarks.tasks import Failure, Task, Tools, execute, now, record_failure
 from bgn.training.cell import Progress
 
@@ -25,32 +25,6 @@ _ONE_THREAD = {
 }
 _CONTEXT = multiprocessing.get_context("spawn")  # fork would copy the state of torch's and numba's threads
 _GRACE_SECONDS = 5.0
-
-
-@dataclass(frozen=True)
-class Started:
-    """A worker took up a task."""
-
-    task: Task
-
-
-@dataclass(frozen=True)
-class Advanced:
-    """A task came further."""
-
-    task: Task
-    progress: Progress
-
-
-@dataclass(frozen=True)
-class Finished:
-    """A task ended; what it yielded (or its failure) is stored."""
-
-    task: Task
-    failure: Failure | None
-
-
-Event = Started | Advanced | Finished
 
 
 def run_tasks(tasks: Sequence[Task], *, jobs: int, tools: Tools) -> Generator[Event]:

@@ -9,7 +9,7 @@ from typing import Protocol
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from benchmarks.local_executor import Advanced, Event, Finished, Started
+from benchmarks.events import Advanced, Event, Finished, Started
 from benchmarks.tasks import Task
 
 _SECONDS_BETWEEN_LINES = 30.0

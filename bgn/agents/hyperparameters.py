@@ -36,6 +36,9 @@ class Hyperparameters:
     """Ah-Ch agents: one GRU (and one pair of embeddings) for actor and critic, or one each."""
     recurrent_hidden_layers: int = 2
     """FC(256) + tanh layers after the GRU."""
+    feature_steepness: float = 0.0
+    """Robot domains: standard deviation of the weights that read features, at the start, with each unit's threshold
+    at a random point of the unit cube; 0 keeps the authors' start (orthogonal weights, zero biases)."""
     reward_scaling: bool = True
     """Divide rewards by the running standard deviation of the discounted return, clipped to ±10."""
     time_limit: Literal["zero-advantage", "bootstrap"] = "zero-advantage"

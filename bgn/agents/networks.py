@@ -6,6 +6,7 @@ or a value) and, when grounded, into a reconstruction of the belief (paper, Figu
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import torch
@@ -238,7 +239,7 @@ class AgentNetworks:
         seeds: tuple[int, ...],
         device: torch.device,
     ) -> None:
-        self.spec = spec
+        self.spec, self.settings = spec, settings
         self.sight = sight_of(domain, device)
         self.parameters = Parameters(seeds, device)
         shared = settings.shared_recurrence and spec.actor == spec.critic == "history"
@@ -273,6 +274,21 @@ class AgentNetworks:
     def initialise(self) -> None:
         """Give every seed's parameters their random starting values."""
         self.parameters.initialise()
+        if self.settings.feature_steepness:
+            for layer, features in self._feature_layers():
+                self.parameters.place_ridges(layer, features, self.settings.feature_steepness)
+
+    def _feature_layers(self) -> Iterator[tuple[str, int]]:
+        """Layers whose first inputs are features, and how many these are; none where inputs are embedded."""
+        sight = self.sight
+        if sight.observation is None or sight.action is None or sight.observed is None or sight.state is None:
+            return
+        for recurrence in self.recurrences:
+            yield f"{recurrence.name}.input", sight.observation.shape[1] + sight.action.shape[1]
+        widths = {"belief": sight.observed.shape[1], "state": sight.state.shape[1]}
+        for branch in (self.actor, self.critic):
+            if branch.kind != "history":
+                yield f"{branch.name}.body.0", widths[branch.kind]
 
     def _recurrence(self, name: str) -> Recurrence:
         sight = self.sight

@@ -15,6 +15,9 @@ from torch import Tensor
 #: Views start on cache lines, so that a seed's arithmetic does not depend on its place in the stack.
 ALIGNMENT = 16
 
+#: Added to a run's seed for :meth:`Parameters.place_ridges`, so that all other starting values stay as they are.
+RIDGE_SEED = 2**32
+
 Initialiser = Callable[[tuple[int, ...], torch.Generator], Tensor]
 
 
@@ -86,6 +89,22 @@ class Parameters:
             generator = torch.Generator().manual_seed(seed)
             for name, shape in self._shapes.items():
                 self._views[name][row] = self._initialisers[name](shape, generator).to(self.device)
+
+    def place_ridges(self, layer: str, features: int, steepness: float) -> None:
+        """Start a layer's units as ridges across the unit cube of its first ``features`` inputs.
+
+        Their weights become N(0, ``steepness``²), and each unit's threshold x · w + b = 0 is put through a random
+        point of the cube. Orthogonal weights of a wide layer with few inputs are small (1/√out) beside zero
+        biases: all its units then are nearly linear in the features, and RMSProp's steps, which have a fixed
+        size, take millions of samples to bend them. Draws from a generator of its own.
+        """
+        weight, bias = self[f"{layer}.weight"], self[f"{layer}.bias"]
+        for row, seed in enumerate(self.seeds):
+            generator = torch.Generator().manual_seed(seed + RIDGE_SEED)
+            slopes = steepness * torch.randn(features, weight.shape[2], generator=generator)
+            points = torch.rand(slopes.shape, generator=generator)
+            weight[row, :features] = slopes.to(self.device)
+            bias[row] = -(slopes * points).sum(0).to(self.device)
 
     def __getitem__(self, name: str) -> Tensor:
         return self._views[name]

@@ -85,10 +85,11 @@ def _draw(axes: Axes, domain: DomainRow, evidence: Evidence, curves: pd.DataFram
             colour = _COLOURS.get(agent)
             axes.plot(steps, mean, color=colour, label=title, linewidth=1.4)
             axes.fill_between(steps, mean - sd, mean + sd, color=colour, alpha=0.15, linewidth=0)
-    sarsop = evidence.reference(domain.id, "sarsop", CLEAN)
-    best = 1.0 if domain.family == "robot" else None if sarsop is None else float(sarsop["return"])
+    best = evidence.reference(domain.id, "sarsop" if domain.family == "classic" else "perfect", CLEAN)
     if best is not None:
-        axes.axhline(best, color="black", linestyle="--", linewidth=1, label="SARSOP / perfect")
+        axes.axhline(
+            float(best["return"]), color="black", linestyle="--", linewidth=1, label="SARSOP / perfect"
+        )
     axes.set_title(domain.title, fontsize=10)
     axes.set_xlabel("environment steps", fontsize=8)
     axes.set_ylabel(f"{quantity}, last 100 episodes", fontsize=8)

@@ -158,15 +158,21 @@ def success_rates(evidence: Evidence) -> Grid:
     """Return the success rates of the robot domains (paper, Figures 4 and 8, which print no numbers)."""
     rows = []
     for domain in evidence.family("robot"):
-        random = _text(evidence.reference(domain.id, "random", CLEAN), "return", "return_se", scale=_CI)
-        rows.append([domain.title, "ours", *_cells(evidence, domain, _mean_sd), random, "1.00"])
-        physics = [_physics(evidence, domain.id, agent) for agent in evidence.agents]
-        if any(text != BLANK for text in physics):
-            rows.append(["", "ours, in MuJoCo", *physics, BLANK, "1.00"])
+        random, perfect = (evidence.reference(domain.id, policy, CLEAN) for policy in ("random", "perfect"))
+        references = [_text(random, "return", "return_se", scale=_CI), _text(perfect, "return")]
+        rows.append([domain.title, "ours", *_cells(evidence, domain, _mean_sd), *references])
+        for label, column in (("ours, in MuJoCo", "physics_success"), ("steps an episode", "sampled_length")):
+            texts = [_over_runs(evidence, domain.id, agent, column) for agent in evidence.agents]
+            if any(text != BLANK for text in texts):
+                lengths = [
+                    _text(row, "length") if column == "sampled_length" else "" for row in (random, perfect)
+                ]
+                rows.append(["", label, *texts, *lengths])
         rows.append(["", "paper's claim", *_cells(evidence, domain, _mark), "", ""])
     notes = [
         "Success in the last 100 training episodes, mean ± standard deviation over runs; in MuJoCo: episodes "
-        "of the final policies in physics. Perfect is 1 by definition (the exact optimum reaches it).",
+        "of the final policies in physics; steps: of the final policies with sampled actions. Perfect is the exact "
+        "optimum of the discounted return.",
         "The paper's claims: Ah-Ch+BGN succeeds always (Clopper-Pearson interval of the pooled evaluation "
         "episodes); every other agent does so less often (one-sided Welch tests, Holm-corrected).",
         _LEGEND,
@@ -230,9 +236,13 @@ def _printed(printed: paper.Printed | None) -> str:
     return plus_minus(printed.mean, printed.sd) if printed else BLANK
 
 
-def _text(row: pd.Series | None, value: str, spread: str, *, scale: float = 1.0, digits: int = 2) -> str:
+def _text(
+    row: pd.Series | None, value: str, spread: str | None = None, *, scale: float = 1.0, digits: int = 2
+) -> str:
     if row is None or value not in row:
         return BLANK
+    if spread is None:
+        return f"{row[value]:.{digits}f}"
     return plus_minus(row[value], scale * row.get(spread, math.nan), digits)
 
 
@@ -242,10 +252,6 @@ def _over_runs(evidence: Evidence, domain: str, agent: str, column: str) -> str:
         return BLANK
     values = runs.loc[(runs["domain"] == domain) & (runs["agent"] == agent), column].dropna()
     return plus_minus(float(values.mean()), float(values.std(ddof=0))) if len(values) else BLANK
-
-
-def _physics(evidence: Evidence, domain: str, agent: str) -> str:
-    return _over_runs(evidence, domain, agent, "physics_success")
 
 
 def _scale(evidence: Evidence, domain: str, best_start: str) -> tuple[float, float, bool]:

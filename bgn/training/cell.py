@@ -45,7 +45,7 @@ class RunResult:
     metrics: Mapping[str, float]
     """``train_return``/``train_success`` (last point of the curve); ``sampled_*`` and ``greedy_*``, each with
     return, return_se, return_sd, success, success_se, length (of the fixed evaluation); ``physics_success``,
-    ``physics_success_se``, ``physics_episodes`` where physics was run; ``env_steps_per_second``,
+    ``physics_success_se``, ``physics_length``, ``physics_episodes`` where physics was run; ``env_steps_per_second``,
     ``wall_seconds``, ``cpu_seconds`` (this run's share of its stack)."""
     policy: Mapping[str, Tensor]
     """The trained actor's parameters by name, without the seed axis; see :mod:`bgn.agents.policy`."""

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import torch
 from torch import Tensor
 
@@ -12,6 +16,18 @@ from bgn.training.random_streams import Purpose, RandomStreams
 BLOCK = 64
 #: Updates run before a graph is captured, so that every library has set itself up.
 WARM_UP = 3
+#: Captures of cells that run side by side take turns.
+_CAPTURING = threading.Lock()
+
+
+@contextmanager
+def own_stream(device: torch.device) -> Iterator[None]:
+    """On a GPU, give this thread's work a stream of its own, so that cells in other threads run beside it."""
+    if device.type != "cuda":
+        yield
+        return
+    with torch.cuda.stream(torch.cuda.Stream(device)):  # type: ignore[no-untyped-call]
+        yield
 
 
 class Executor:
@@ -52,15 +68,17 @@ class Executor:
     def _capture(self) -> torch.cuda.CUDAGraph:
         """Capture one update; the learner's state is as before, since warming up is undone."""
         before = {name: tensor.clone() for name, tensor in self.learner.state().items()}
-        stream = torch.cuda.Stream()  # type: ignore[no-untyped-call]
-        stream.wait_stream(torch.cuda.current_stream())
-        with torch.cuda.stream(stream):
-            for _ in range(WARM_UP):
-                self.learner.update(self._variates, self._weight)
-        torch.cuda.current_stream().wait_stream(stream)
         graph = torch.cuda.CUDAGraph()
-        with torch.cuda.graph(graph):
-            self.learner.update(self._variates, self._weight)
+        with _CAPTURING:
+            stream = torch.cuda.Stream()  # type: ignore[no-untyped-call]
+            stream.wait_stream(torch.cuda.current_stream())
+            with torch.cuda.stream(stream):
+                for _ in range(WARM_UP):
+                    self.learner.update(self._variates, self._weight)
+            torch.cuda.current_stream().wait_stream(stream)
+            # Thread-local: what cells in other threads do meanwhile must not spoil the capture.
+            with torch.cuda.graph(graph, stream=stream, capture_error_mode="thread_local"):
+                self.learner.update(self._variates, self._weight)
         self.learner.load_state(before)
         return graph
 

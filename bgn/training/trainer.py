@@ -21,7 +21,7 @@ from bgn.agents.specs import agent
 from bgn.training import checkpoint as checkpoints
 from bgn.training.cell import CellSpec, Progress, RunResult
 from bgn.training.evaluation import evaluate
-from bgn.training.executor import Executor
+from bgn.training.executor import Executor, own_stream
 from bgn.training.learner import Learner
 
 #: Points of a curve: half of them spaced evenly, half by powers, so that the start is dense.
@@ -55,7 +55,7 @@ def train_cell(
     CheckpointMismatchError
         The checkpoint was written for another specification or other seeds.
     """
-    with _one_thread():
+    with _one_thread(), own_stream(torch.device(device)):
         return _Stack(spec, tuple(seeds), torch.device(device), checkpoint, on_progress).run()
 
 
@@ -217,10 +217,10 @@ class _Clock:
     """Adds the time since it last ticked to a stack's wall and CPU seconds."""
 
     def __init__(self, stack: _Stack) -> None:
-        self.stack, self.wall, self.cpu = stack, time.perf_counter(), time.process_time()
+        self.stack, self.wall, self.cpu = stack, time.perf_counter(), time.thread_time()
 
     def tick(self) -> None:
-        wall, cpu = time.perf_counter(), time.process_time()
+        wall, cpu = time.perf_counter(), time.thread_time()
         self.stack.wall_seconds += wall - self.wall
         self.stack.cpu_seconds += cpu - self.cpu
         self.wall, self.cpu = wall, cpu

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -106,6 +107,47 @@ def test_initial_values_do_not_depend_on_the_stack():
     alone = built("ah-ch+bgn", "hallway", "paper-text", (8,)).parameters
     stack = built("ah-ch+bgn", "hallway", "paper-text", (3, 8)).parameters
     assert all(torch.equal(alone[name][0], stack[name][1]) for name in alone.shapes)
+
+
+FEATURE_LAYERS = {  # layer: how many features it reads (TwoBumps-1D: cell, bin, last action; x; x and y)
+    "ah-ch+bgn": {"actor.gru.input": 3, "critic.gru.input": 3},
+    "ah-cs": {"actor.gru.input": 3, "critic.body.0": 4},
+    "ab-cb": {"actor.body.0": 2, "critic.body.0": 2},
+}
+
+
+@pytest.mark.parametrize("agent_id", FEATURE_LAYERS)
+def test_ridges_cross_the_cube_of_the_features(agent_id):
+    steepness = 10.0
+    settings = replace(PRESETS["paper-text"], feature_steepness=steepness)
+    started = AgentNetworks(agent(agent_id), domains.get("two-bumps-1d"), settings, (3, 8), CPU)
+    started.initialise()
+    p, before = started.parameters, built(agent_id, "two-bumps-1d", "paper-text", (3, 8)).parameters
+    for layer, features in FEATURE_LAYERS[agent_id].items():
+        slopes, bias = p[f"{layer}.weight"][:, :features], p[f"{layer}.bias"]
+        assert abs(slopes.mean()) < 4 * steepness / math.sqrt(slopes.numel())
+        assert abs(slopes.std() / steepness - 1) < 4 / math.sqrt(2 * slopes.numel())
+        assert torch.all(slopes.clamp(max=0).sum(1) + bias <= 1e-4)  # the least value in the cube
+        assert torch.all(slopes.clamp(min=0).sum(1) + bias >= -1e-4)  # the greatest
+        assert torch.equal(p[f"{layer}.weight"][:, features:], before[f"{layer}.weight"][:, features:])
+        assert not torch.equal(slopes[0], slopes[1])
+    others = set(p.shapes) - {f"{x}.{y}" for x in FEATURE_LAYERS[agent_id] for y in ("weight", "bias")}
+    assert all(torch.equal(p[name], before[name]) for name in others)
+
+
+def test_ridges_do_not_depend_on_the_stack_and_leave_embedded_domains_alone():
+    settings = replace(PRESETS["paper-text"], feature_steepness=10.0)
+
+    def start(domain_id, seeds):
+        networks = AgentNetworks(agent("ah-ch+bgn"), domains.get(domain_id), settings, seeds, CPU)
+        networks.initialise()
+        return networks.parameters
+
+    alone, stack = start("two-bumps-1d", (8,)), start("two-bumps-1d", (3, 8))
+    assert all(torch.equal(alone[name][0], stack[name][1]) for name in alone.shapes)
+    assert torch.equal(
+        start("hallway", (8,)).values, built("ah-ch+bgn", "hallway", "paper-text", (8,)).parameters.values
+    )
 
 
 @pytest.mark.parametrize("agent_id", AGENTS)

@@ -6,7 +6,7 @@ import pathlib
 from rich.console import Console
 
 from benchmarks import progress, registry
-from benchmarks.local_executor import Advanced, Finished, Started
+from benchmarks.events import Advanced, Finished, Started
 from benchmarks.plan import Selection, State, statuses
 from benchmarks.tasks import Failure, Task, now
 from bgn.results.store import Store

@@ -36,7 +36,8 @@ RUNS = [
     run("hallway", "ah-ch+bgn", greedy_return=0.56, train_return=0.5),
     run("rocksample-4-4", "ah-ch", train_return=7.0, older=True),
     run("rocksample-4-4", "ah-ch", train_return=9.0),
-    run("top-plate", "ah-ch+bgn", train_success=1.0, sampled_success=1.0, physics_success=0.95),
+    run("top-plate", "ah-ch+bgn", train_success=1.0, sampled_success=1.0, physics_success=0.95)
+    | {"sampled_length": 9.25},
     run("top-plate", "ah-ch", train_success=0.1, sampled_success=0.1, physics_success=0.15),
 ]
 REFERENCES = [
@@ -44,7 +45,8 @@ REFERENCES = [
     reference("rocksample-4-4", "sarsop", "hidden-first-action", 14.0),
     reference("rocksample-4-4", "random", "hidden-first-action", -62.0),
     reference("rocksample-4-4", "random", "clean", -82.0),
-    reference("top-plate", "random", "clean", 0.04),
+    reference("top-plate", "random", "clean", 0.04) | {"length": 5.0},
+    reference("top-plate", "perfect", "clean", 1.0) | {"length": 8.3},
 ]
 
 
@@ -118,6 +120,8 @@ def test_robot_table_has_physics_random_and_perfect() -> None:
     assert table["TopPlate", "ours"]["Ah-Ch+BGN"] == "1.00±0.00"
     assert table["TopPlate", "ours"]["Random"] == "0.04±0.20"
     assert table["TopPlate", "ours"]["Perfect"] == "1.00"
+    lengths = table["TopPlate", "steps an episode"]
+    assert (lengths["Ah-Ch+BGN"], lengths["Random"], lengths["Perfect"]) == ("9.25±0.00", "5.00", "8.30")
     assert table["TopPlate", "ours, in MuJoCo"]["Ah-Ch"] == "0.15±0.00"
     assert table["TopPlate", "paper's claim"]["Ah-Ch+BGN"] == "="
 
@@ -140,6 +144,7 @@ def test_tables_without_any_reference_rows() -> None:
     bare = evidence(references=[])
     assert rows(tables.raw_returns(bare))["Hallway", "ours"]["SARSOP"] == "–"
     assert rows(tables.success_rates(bare))["TopPlate", "ours"]["Random"] == "–"
+    assert rows(tables.success_rates(bare))["TopPlate", "ours"]["Perfect"] == "–"
 
 
 def test_markdown() -> None:

@@ -1,0 +1,34 @@
+"""What an executor tells of its tasks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from benchmarks.tasks import Failure, Task
+from bgn.training.cell import Progress
+
+
+@dataclass(frozen=True)
+class Started:
+    """A worker took up a task."""
+
+    task: Task
+
+
+@dataclass(frozen=True)
+class Advanced:
+    """A task came further."""
+
+    task: Task
+    progress: Progress
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A task ended; what it yielded (or its failure) is stored."""
+
+    task: Task
+    failure: Failure | None
+
+
+Event = Started | Advanced | Finished
