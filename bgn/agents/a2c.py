@@ -44,7 +44,7 @@ def generalized_advantages(
     (S, T, L) advantages.
     """
     steps = rewards.shape[1]
-    goes_on = ~(ended | truncated)
+    goes_on = (ended | truncated).logical_not_()
     following = torch.where(goes_on, values[:, 1:], 0.0)
     if arrival_values is not None:
         following = torch.where(truncated, arrival_values, following)
@@ -52,11 +52,11 @@ def generalized_advantages(
     if arrival_values is None:
         errors = errors.masked_fill(truncated, 0.0)
     decay = goes_on * (discount * trace_decay)
-    advantages = torch.empty_like(errors)
-    advantages[:, -1] = errors[:, -1]
+    by_step = list(errors.unbind(1))
+    factors = decay.unbind(1)
     for t in reversed(range(steps - 1)):
-        torch.addcmul(errors[:, t], decay[:, t], advantages[:, t + 1], out=advantages[:, t])
-    return advantages
+        by_step[t].addcmul_(factors[t], by_step[t + 1])
+    return errors
 
 
 @dataclass(frozen=True)
@@ -95,12 +95,15 @@ def critic_loss(advantages: Tensor, weight: float) -> HeadLoss:
 def belief_loss(logits: Tensor, belief: Tensor, weight: float) -> HeadLoss:
     """Cross-entropy H(b, b̂) in nats (Eq. 3), unweighted; the gradient in the logits carries ``weight``.
 
-    ``logits`` (S, N, Y) of b̂; ``belief`` (S, N, Y) is b, whose rows sum to one.
+    ``logits`` (S, N, Y) of b̂ are overwritten; ``belief`` (S, N, Y) is b, whose rows sum to one.
     """
-    log_reconstruction = torch.log_softmax(logits, -1)
-    loss = -(belief * log_reconstruction).sum(-1).mean(1)
-    gradient = log_reconstruction.exp_().sub_(belief).mul_(weight / logits.shape[1])
-    return HeadLoss(loss, gradient)
+    share = weight / logits.shape[1]
+    shifted = logits.sub_(logits.amax(-1, keepdim=True))
+    explained = (belief * shifted).sum(-1)
+    odds = shifted.exp_()
+    total = odds.sum(-1, keepdim=True)
+    loss = (total.log()[..., 0] - explained).mean(1)
+    return HeadLoss(loss, odds.mul_(share / total).sub_(belief, alpha=share))
 
 
 def sample_actions(policy: Tensor, variates: Tensor) -> Tensor:
@@ -123,23 +126,22 @@ class RMSProp:
     def __init__(self, parameters: Parameters, *, rate: float, decay: float, epsilon: float) -> None:
         self._parameters = parameters
         values = parameters.by_seed(parameters.values)
-        moments = parameters.by_seed(torch.zeros_like(parameters.values))
         squares = parameters.by_seed(parameters.mean_squares)
         gradients = parameters.by_seed(parameters.gradients)
-        self._seeds = list(zip(values, gradients, moments, squares, strict=True))
+        self._seeds = list(zip(values, gradients, squares, strict=True))
         self._steps = [torch.tensor(1e9, device=parameters.device) for _ in values[0]]
         self._options = {"lr": rate, "beta2": decay, "eps": epsilon}
 
     def step(self, max_norm: float) -> Tensor:
         """Scale each seed's gradient down to ``max_norm`` and apply it; returns the norms before (S,)."""
-        norms = self._parameters.norms(self._parameters.gradients)
+        norms = self._parameters.gradient_norms()
         # As torch's clip_grad_norm_: the factor is max_norm / (norm + 1e-6), at most one.
         divisors = ((norms + 1e-6) / max_norm).clamp_min_(1.0)
-        for (values, gradients, moments, squares), divisor in zip(self._seeds, divisors, strict=True):
+        for (values, gradients, squares), divisor in zip(self._seeds, divisors, strict=True):
             torch._fused_adam_(
                 values,
                 gradients,
-                moments,
+                gradients,  # with β₁ = 0 the first moment is the gradient
                 squares,
                 [],
                 self._steps,
@@ -173,11 +175,11 @@ class RewardScaler:
 
     def scale(self, rewards: Tensor, done: Tensor) -> Tensor:
         """Scale rewards (S, T, L) of one rollout, each step by the statistics up to and with that step."""
-        accumulated = torch.empty_like(rewards)
-        for t in range(rewards.shape[1]):
-            torch.add(rewards[:, t], self.returns, alpha=self.DISCOUNT, out=accumulated[:, t])
-            torch.mul(accumulated[:, t], ~done[:, t], out=self.returns)
-        samples = accumulated.double()
+        accumulated = []
+        for reward, goes_on in zip(rewards.unbind(1), (~done).float().unbind(1), strict=True):
+            accumulated.append(torch.add(reward, self.returns, alpha=self.DISCOUNT))
+            torch.mul(accumulated[-1], goes_on, out=self.returns)
+        samples = torch.stack(accumulated, 1).double()
         new = torch.stack((torch.ones_like(samples), samples, samples * samples), -1).sum(2)  # (S, T, 3)
         running = self.sums[:, None] + new.cumsum(1)
         count, total, squares = running.unbind(-1)

@@ -72,26 +72,33 @@ class Memory:
     """A rollout's inputs, slot by slot, in the layouts that the products want: (S, T+1, L, …)."""
 
     def __init__(self, sight: Sight, seeds: int, slots: int, lanes: int, belief: bool, device: torch.device):
-        def indices() -> Tensor:
-            return torch.zeros(seeds, slots, lanes, dtype=torch.int64, device=device)
+        def per_lane(dtype: torch.dtype = torch.int64) -> Tensor:
+            # A slot's lanes lie side by side, as the world's do.
+            return torch.zeros(slots, seeds, lanes, dtype=dtype, device=device).transpose(0, 1)
 
         self.sight = sight
-        self.observation, self.last_action, self.state = indices(), indices(), indices()
-        self.fresh = torch.zeros(seeds, slots, lanes, dtype=torch.bool, device=device)
+        self.observation, self.last_action, self.state = per_lane(), per_lane(), per_lane()
+        self.fresh = per_lane(torch.bool)
         width = sight.belief_width if belief else 0
         self.belief_input = torch.zeros(seeds, slots, lanes, width, device=device)
         self.belief = self.belief_input[..., max(0, width - sight.n_hidden) :]
-        indexed = (self.observation, self.last_action, self.state, self.fresh)
-        self._slots = list(zip(*(b.unbind(1) for b in indexed), strict=True))
+        of_recurrence = (self.observation, self.last_action, self.fresh)
+        #: What a recurrence's step takes: observation, last action and fresh, each (S, L), by slot.
+        self.slots = list(zip(*(b.unbind(1) for b in of_recurrence), strict=True))
+        self._flat = [
+            [view.view(-1) for view in (*slot, s)]
+            for slot, s in zip(self.slots, self.state.unbind(1), strict=True)
+        ]
+        self._beliefs = self.belief.unbind(1)
 
     def write(self, t: int, inputs: Inputs) -> None:
         """Copy the world's (S*L,) inputs into slot ``t``."""
-        shape = self._slots[t][0].shape
-        given = (inputs.observation, inputs.last_action, inputs.state, inputs.fresh)
-        for slot, value in zip(self._slots[t], given, strict=True):
-            slot.copy_(value.view(shape))
+        shape = self.slots[t][0].shape
+        given = (inputs.observation, inputs.last_action, inputs.fresh, inputs.state)
+        for slot, value in zip(self._flat[t], given, strict=True):
+            slot.copy_(value)
         if self.belief_input.shape[-1]:
-            self.belief[:, t] = inputs.belief.view(*shape, -1)
+            self._beliefs[t].copy_(inputs.belief.view(*shape, -1))
             if self.sight.observed is not None:
                 self.belief_input[:, t, :, : -self.sight.n_hidden] = self.sight.observed[
                     inputs.observed.view(shape)

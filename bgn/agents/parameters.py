@@ -81,6 +81,7 @@ class Parameters:
         self.mean_squares = torch.zeros_like(self.values)
         self._views = _views(self.values, n, self._shapes)
         self._gradients = _views(self.gradients, n, self._shapes)
+        self._flat_gradients = [view.flatten(1) for view in self._gradients.values()]
 
     def initialise(self) -> None:
         """Initialise the values; each seed draws from a generator of its own."""
@@ -129,10 +130,9 @@ class Parameters:
         views = _views(buffer, len(self.seeds), self._shapes).values()
         return [[view[row].flatten() for view in views] for row in range(len(self.seeds))]
 
-    def norms(self, buffer: Tensor) -> Tensor:
-        """L2 norm of each seed's part of a buffer of this layout: (S,)."""
-        views = _views(buffer, len(self.seeds), self._shapes).values()
-        parts = [torch.linalg.vector_norm(view.flatten(1), dim=1) for view in views]
+    def gradient_norms(self) -> Tensor:
+        """L2 norm of each seed's gradient: (S,)."""
+        parts = [torch.linalg.vector_norm(gradient, dim=1) for gradient in self._flat_gradients]
         # Along rows: down columns, torch adds up one seed's parts in another order alone than beside others.
         norms: Tensor = torch.linalg.vector_norm(torch.stack(parts, 1), dim=1)
         return norms

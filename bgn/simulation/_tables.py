@@ -51,14 +51,19 @@ class Sensing:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Filter:
-    """Predecessor lists of the belief's prediction step; row xa = x * A + a, P the longest list."""
+    """Predecessor lists of the belief's prediction step; row xa = x * A + a, P the longest list.
 
-    source: Tensor | None  # (X*A, Y*P) int64 hidden predecessors; None where the hidden part never moves
-    weight: Tensor  # (X*A, Y*P) float32 transition probabilities
-    arrives: Tensor | None  # (X*A, Y*P) int64 the x' this transition leads to; None if X = 1
+    Without an observed part (X = 1) but with drawn observations, the weights carry the likelihood of the
+    observation too, and have rows a * Ω + o.
+    """
+
+    source: Tensor | None  # (X*A, P*Y) int64 hidden predecessors; None where the hidden part never moves
+    weight: Tensor  # (X*A or A*Ω, P*Y) float32 transition probabilities
+    of_observation: bool  # the weights are likelihoods too
+    arrives: Tensor | None  # (X*A, P*Y) int64 the x' this transition leads to; None if X = 1
     listed: int  # P
     hubs: Tensor | None  # (H,) int64 hidden states with too many predecessors for a list
-    hub_weight: Tensor | None  # (X*A, H, Y) float32
+    hub_weight: Tensor | None  # (X*A or A*Ω, H, Y) float32
     keep: Tensor | None  # (X, Y) float32: the elimination rule that replaces the filter, in a variant
 
 
@@ -95,7 +100,7 @@ def compile_tables(domain: Domain, device: torch.device, hidden_first_action: bo
     return WorldTables(
         dynamics=_dynamics(model.joint, entries, device),
         sensing=sensing,
-        filter=_filter(domain, entries, device),
+        filter=_filter(domain, entries, sensing, device),
         opening=_opening(domain, entries, device, hidden_first_action),
         n_states=model.joint.n_states,
         n_actions=model.joint.n_actions,
@@ -189,7 +194,7 @@ def _observation_function(model: MOMDP) -> Ints | None:
     return function if bool((stacked == function[None, :, None]).all()) else None
 
 
-def _filter(domain: Domain, entries: _Entries, device: torch.device) -> Filter:
+def _filter(domain: Domain, entries: _Entries, sensing: Sensing, device: torch.device) -> Filter:
     model = domain.model
     X, Y, A = model.n_observed, model.n_hidden, model.joint.n_actions
     x, y = np.divmod(entries.s, Y)
@@ -203,23 +208,32 @@ def _filter(domain: Domain, entries: _Entries, device: torch.device) -> Filter:
     is_hub[hubs] = True
     P = max(1, int(counts.reshape(X * A, Y)[:, ~is_hub].max(initial=1)))
     listed = ~is_hub[y_next[order]]
-    at = (key[order][listed], position[listed])
-    source = np.tile(np.arange(Y), X * A)[:, None].repeat(P, axis=1)
-    weight = np.zeros((X * A * Y, P), dtype=np.float32)
-    arrives = np.full((X * A * Y, P), -1, dtype=np.int64)
+    at = (row[order][listed], position[listed], y_next[order][listed])
+    source = np.tile(np.arange(Y), (X * A, P, 1))
+    weight = np.zeros((X * A, P, Y), dtype=np.float32)
+    arrives = np.full((X * A, P, Y), -1, dtype=np.int64)
     source[at] = y[order][listed]
     weight[at] = entries.probability[order][listed]
     arrives[at] = x_next[order][listed]
-    static = P == 1 and bool((source[:, 0] == np.tile(np.arange(Y), X * A)).all())
+    static = P == 1 and bool((source == np.arange(Y)).all())
     hub_weight = np.zeros((X * A, len(hubs), Y), dtype=np.float32)
     for h, hub in enumerate(hubs):
         into = y_next == hub
         np.add.at(hub_weight, (row[into], h, y[into]), entries.probability[into])
+    of_observation = X == 1 and sensing.likelihood is not None
+    if of_observation:
+        assert sensing.likelihood is not None
+        likelihood = sensing.likelihood.cpu().numpy().reshape(A, -1, 1, Y)
+        weight = (weight[:, None] * likelihood).reshape(len(sensing.likelihood), P, Y)
+        hub_weight = (hub_weight[:, None] * likelihood[:, :, 0, hubs, None]).reshape(
+            len(weight), len(hubs), Y
+        )
     keep = domain.elimination
     return Filter(
-        source=None if static else _tensor(source.reshape(X * A, Y * P), device),
-        weight=_tensor(weight.reshape(X * A, Y * P), device),
-        arrives=_tensor(arrives.reshape(X * A, Y * P), device) if X > 1 else None,
+        source=None if static else _tensor(source.reshape(X * A, P * Y), device),
+        weight=_tensor(weight.reshape(len(weight), P * Y), device),
+        of_observation=of_observation,
+        arrives=_tensor(arrives.reshape(X * A, P * Y), device) if X > 1 else None,
         listed=P,
         hubs=_tensor(hubs, device) if len(hubs) else None,
         hub_weight=_tensor(hub_weight, device) if len(hubs) else None,

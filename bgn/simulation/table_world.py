@@ -38,9 +38,9 @@ class Inputs:
     belief: Tensor  # (N, Y) float32 b_Y; left alone unless the world tracks beliefs
     fresh: Tensor  # (N,) bool: this input opens an episode
 
-    def rows(self, start: int, stop: int) -> Inputs:
-        """View the lanes ``start`` to ``stop``."""
-        return Inputs(*(v[start:stop] for v in vars(self).values()))
+    def split(self, parts: int) -> list[Inputs]:
+        """View the lanes as that many equal parts."""
+        return [Inputs(*views) for views in zip(*(v.chunk(parts) for v in vars(self).values()), strict=True)]
 
     def clone(self) -> Inputs:
         """Copy all tensors."""
@@ -119,7 +119,7 @@ class TableWorld:
         """Draw first inputs of new episodes from ``variates`` (M, 4), without touching the lanes."""
         opening = self.tables.opening
         pick = torch.searchsorted(opening.cumulative, variates[:, 0].contiguous(), right=True)
-        state = opening.states[pick]
+        state = opening.states.index_select(0, pick)
         A, W = self.tables.n_actions, self.tables.n_observations
         if not self.hidden_first_action:
             observed = self._observed(state)
@@ -131,7 +131,7 @@ class TableWorld:
             )
         else:
             action = (variates[:, 1] * A).long().clamp_(max=A - 1)
-            _, state = self._move(state, action, variates[:, 2])
+            _, state = self._move(state * A + action, variates[:, 2])
             observed = self._observed(state)
             observation = self._observe(state, observed, action, variates[:, 3])
             assert opening.after_action is not None
@@ -147,15 +147,17 @@ class TableWorld:
     def step(self, action: Tensor, variates: Tensor, openings: Inputs) -> Outcome:
         """Take ``action`` (N,) in every lane; ``variates`` (N, 2); done lanes take ``openings``."""
         dynamics, now = self.tables.dynamics, self.inputs
-        entry, state = self._move(now.state, action, variates[:, 0])
+        pair = now.state * self.tables.n_actions + action
+        u_state, u_observation = variates.unbind(1)
+        entry, state = self._move(pair, u_state)
         observed = self._observed(state)
-        observation = self._observe(state, observed, action, variates[:, 1])
+        observation = self._observe(state, observed, action, u_observation)
         if dynamics.reward_width > 1:
             entry = entry * dynamics.reward_width + observation
-        reward = dynamics.reward[entry]
-        ended = dynamics.ends[now.state * self.tables.n_actions + action]
+        reward = dynamics.reward.index_select(0, entry)
+        ended = dynamics.ends.index_select(0, pair)
         self.steps += 1
-        truncated = (self.steps >= self.domain.episode_limit) & ~ended
+        truncated = (self.steps >= self.domain.episode_limit) > ended
         done = ended | truncated
         belief = self._filter(now, action, observed, observation) if self.track_beliefs else now.belief
         arrival = Inputs(observation, action, observed, state, belief, torch.zeros_like(done))
@@ -169,14 +171,13 @@ class TableWorld:
         self.steps = self.steps[lanes]
         self.inputs = Inputs(*(v[lanes] for v in vars(self.inputs).values()))
 
-    def _move(self, state: Tensor, action: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
-        """Draw successors; return their index into the flat successor list, and the states."""
+    def _move(self, pair: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
+        """Draw successors of s * A + a; return their index into the flat successor list, and the states."""
         dynamics = self.tables.dynamics
-        pair = state * self.tables.n_actions + action
         if dynamics.width > 1:
-            pick = (u[:, None] >= dynamics.cumulative.index_select(0, pair)).sum(1)
+            pick = (u.unsqueeze(1) >= dynamics.cumulative.index_select(0, pair)).sum(1)
             pair = pair * dynamics.width + pick
-        return pair, dynamics.successor[pair]
+        return pair, dynamics.successor.index_select(0, pair)
 
     def _observed(self, state: Tensor) -> Tensor:
         if self.tables.n_observed == 1:
@@ -186,10 +187,10 @@ class TableWorld:
     def _observe(self, state: Tensor, observed: Tensor, action: Tensor, u: Tensor) -> Tensor:
         sensing = self.tables.sensing
         if sensing.of_observed is not None:
-            return sensing.of_observed[observed]
+            return sensing.of_observed.index_select(0, observed)
         assert sensing.cumulative is not None
         row = action * self.tables.n_states + state
-        return (u[:, None] >= sensing.cumulative.index_select(0, row)).sum(1)
+        return (u.unsqueeze(1) >= sensing.cumulative.index_select(0, row)).sum(1)
 
     def _filter(self, now: Inputs, action: Tensor, observed: Tensor, observation: Tensor) -> Tensor:
         """Condition the belief on x', o and the episode going on (Eq. 1; Appendix E)."""
@@ -197,24 +198,25 @@ class TableWorld:
         if rule.keep is not None:
             belief = now.belief * rule.keep[observed]
         else:
-            belief = self._predict(now, action, observed)
-            if tables.sensing.likelihood is not None:
+            belief = self._predict(now, action, observed, observation)
+            if tables.sensing.likelihood is not None and not rule.of_observation:
                 row = (action * tables.n_observed + observed) * tables.n_observations + observation
                 belief *= tables.sensing.likelihood.index_select(0, row)
         # A lane whose episode just ended may hold an impossible belief; it is replaced, so only avoid 0/0.
         return belief.div_(belief.sum(1, keepdim=True).clamp_min_(torch.finfo(torch.float32).tiny))
 
-    def _predict(self, now: Inputs, action: Tensor, observed: Tensor) -> Tensor:
+    def _predict(self, now: Inputs, action: Tensor, observed: Tensor, observation: Tensor) -> Tensor:
         rule, Y = self.tables.filter, self.tables.n_hidden
-        row = now.observed * self.tables.n_actions + action
+        row = action if self.tables.n_observed == 1 else now.observed * self.tables.n_actions + action
+        weighed = action * self.tables.n_observations + observation if rule.of_observation else row
         mass = now.belief if rule.source is None else now.belief.gather(1, rule.source.index_select(0, row))
-        mass = mass * rule.weight.index_select(0, row)
+        mass = mass * rule.weight.index_select(0, weighed)
         if rule.arrives is not None:
             mass *= rule.arrives.index_select(0, row) == observed[:, None]
         if rule.listed > 1:
-            mass = mass.view(-1, Y, rule.listed).sum(2)
+            mass = mass.view(-1, rule.listed, Y).sum(1)
         if rule.hubs is not None and rule.hub_weight is not None:
-            mass[:, rule.hubs] = torch.bmm(rule.hub_weight.index_select(0, row), now.belief[:, :, None])[
+            mass[:, rule.hubs] = torch.bmm(rule.hub_weight.index_select(0, weighed), now.belief[:, :, None])[
                 :, :, 0
             ]
         return mass

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -27,6 +28,16 @@ from bgn.training.recorder import Recorder
 
 #: Uniform variates a lane consumes per training step: its action, its step, and a possible new episode.
 VARIATES = 1 + STEP_VARIATES + START_VARIATES
+
+
+class _Taken(NamedTuple):
+    """Where one step of a rollout goes."""
+
+    action: Tensor  # (S, L)
+    log_policy: Tensor  # (S, L, A)
+    reward: Tensor  # (S*L,)
+    ended: Tensor  # (S*L,)
+    truncated: Tensor  # (S*L,)
 
 
 class Learner:
@@ -73,14 +84,23 @@ class Learner:
         self.world.reset(openings.block(0, 1, settings.lanes, START_VARIATES)[0])
         #: What the networks see next: the world's inputs, but for the ``stale_reset_info`` variant.
         self.seen = self.world.inputs
-        shape = (len(seeds), settings.rollout, settings.lanes)
-        self.actions = torch.zeros(shape, dtype=torch.int64, device=device)
-        self.rewards = torch.zeros(shape, device=device)
-        self.ended = torch.zeros(shape, dtype=torch.bool, device=device)
+        # (S, T, L), but a step's lanes lie side by side, as the world's do.
+        shape = (settings.rollout, len(seeds), settings.lanes)
+        self.actions = torch.zeros(shape, dtype=torch.int64, device=device).transpose(0, 1)
+        self.rewards = torch.zeros(shape, device=device).transpose(0, 1)
+        self.ended = torch.zeros(shape, dtype=torch.bool, device=device).transpose(0, 1)
         self.truncated = torch.zeros_like(self.ended)
-        self.log_policy = torch.zeros(*shape, domain.model.joint.n_actions, device=device)
-        self.arrival_values = torch.zeros(shape, device=device)
+        self.log_policy = torch.zeros(
+            *size[:1], settings.rollout, settings.lanes, domain.model.joint.n_actions, device=device
+        )
+        self.arrival_values = torch.zeros_like(self.rewards)
+        self._taken = self._steps()
         self.settle()
+
+    def _steps(self) -> list[_Taken]:
+        flat = (b.transpose(0, 1).flatten(1) for b in (self.rewards, self.ended, self.truncated))
+        buffers = (self.actions.unbind(1), self.log_policy.unbind(1), *flat)
+        return [_Taken(*views) for views in zip(*buffers, strict=True)]
 
     def update(self, variates: Tensor, entropy_weight: Tensor) -> None:
         """Act for T steps with ``variates`` (T, S*L, 7), then take one gradient step.
@@ -97,20 +117,18 @@ class Learner:
     def _act(self, variates: Tensor) -> None:
         networks, memory, T = self.networks, self.memory, self.settings.rollout
         networks.prepare()
-        openings = self.world.openings(variates[:, :, 1 + STEP_VARIATES :].flatten(0, 1))
+        openings = self.world.openings(variates[:, :, 1 + STEP_VARIATES :].flatten(0, 1)).split(T)
         memory.write(0, self.seen)
         for t in range(T):
             actor = networks.actor
             if actor.recurrence is not None:
-                actor.recurrence.step(
-                    t, memory.observation[:, t], memory.last_action[:, t], memory.fresh[:, t]
-                )
+                actor.recurrence.step(t, *memory.slots[t])
             log_policy = torch.log_softmax(actor.step(t, memory), -1)
-            self.log_policy[:, t] = log_policy
-            u = variates[t, :, 0].view(self.actions[:, t].shape)
-            self.actions[:, t] = sample_actions(log_policy.exp(), u)
+            self._taken[t].log_policy.copy_(log_policy)
+            u, for_world, _ = variates[t].split_with_sizes((1, STEP_VARIATES, START_VARIATES), 1)
+            self._taken[t].action.copy_(sample_actions(log_policy.exp(), u.view(log_policy.shape[:2])))
             before = self.seen
-            outcome = self._step_world(t, variates[t], openings)
+            outcome = self._step_world(t, for_world, openings[t])
             if self.settings.time_limit == "bootstrap":
                 self.arrival_values[:, t] = self._arrival_value(t, outcome)
             if self.settings.stale_reset_info:
@@ -120,15 +138,11 @@ class Learner:
             memory.write(t + 1, self.seen)
 
     def _step_world(self, t: int, variates: Tensor, openings: Inputs) -> Outcome:
-        lanes = self.world.lanes
-        following = openings.rows(t * lanes, (t + 1) * lanes)
-        outcome = self.world.step(
-            self.actions[:, t].reshape(-1), variates[:, 1 : 1 + STEP_VARIATES], following
-        )
-        shape = self.rewards[:, t].shape
-        self.rewards[:, t] = outcome.reward.view(shape)
-        self.ended[:, t] = outcome.ended.view(shape)
-        self.truncated[:, t] = outcome.truncated.view(shape)
+        taken = self._taken[t]
+        outcome = self.world.step(taken.action.view(-1), variates, openings)
+        taken.reward.copy_(outcome.reward)
+        taken.ended.copy_(outcome.ended)
+        taken.truncated.copy_(outcome.truncated)
         self.seen = self.world.inputs
         return outcome
 
@@ -147,9 +161,9 @@ class Learner:
         return critic.infer(critic.infer_inputs(arrival, hidden))[..., 0]
 
     def _step_critic(self, t: int) -> None:
-        recurrence, memory = self.networks.critic.recurrence, self.memory
+        recurrence = self.networks.critic.recurrence
         assert recurrence is not None
-        recurrence.step(t, memory.observation[:, t], memory.last_action[:, t], memory.fresh[:, t])
+        recurrence.step(t, *self.memory.slots[t])
 
     def _values(self) -> Tensor:
         """V of all slots: (S, T + 1, L)."""

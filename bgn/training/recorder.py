@@ -43,14 +43,11 @@ class Recorder:
 
     def record(self, rewards: Tensor, done: Tensor, losses: Tensor) -> None:
         """Take in a rollout: rewards and done (S, T, L), losses (S, 4) as in ``LOSSES``."""
-        steps = rewards.shape[1]
         totals = []
-        for t in range(steps):
-            self.running.addcmul_(self.weights, rewards[None, :, t])
-            totals.append(self.running.clone())
-            self.weights.mul_(self._factors)
-            self.running.masked_fill_(done[None, :, t], 0.0)
-            self.weights.masked_fill_(done[None, :, t], 1.0)
+        for reward, over in zip(rewards.unbind(1), done.unbind(1), strict=True):
+            totals.append(torch.addcmul(self.running, self.weights, reward))
+            torch.mul(totals[-1], ~over, out=self.running)
+            self.weights.mul_(self._factors).masked_fill_(over, 1.0)
         finished = done.flatten(1)  # (S, T*L), in order of time
         rank = self.episodes[:, None] + finished.cumsum(1) - 1
         column = torch.where(finished, rank % WINDOW, WINDOW)

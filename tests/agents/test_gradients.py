@@ -10,6 +10,7 @@ from torch import Tensor
 
 from bgn import domains
 from bgn.agents.hyperparameters import Hyperparameters
+from bgn.agents.layers import tanh_of_half
 from bgn.agents.networks import Branch
 from bgn.agents.specs import AGENTS
 from bgn.training import learner as learner_module
@@ -109,3 +110,8 @@ def test_gradients_equal_automatic_differentiation(
         for name, expected in zip(p, torch.autograd.grad(loss, list(p.values())), strict=True):
             ours = parameters.gradient(name)[row].double()
             torch.testing.assert_close(ours, expected, rtol=1e-4, atol=1e-6)
+
+
+def test_tanh_is_exact_to_a_rounding():
+    x = torch.cat((torch.linspace(-12, 12, 4001), torch.tensor([0.0, 1e-4, -1e-4, 60.0, -60.0])))
+    assert torch.allclose(tanh_of_half(2 * x), torch.tanh(x), rtol=0, atol=2e-7)
