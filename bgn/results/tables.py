@@ -213,7 +213,7 @@ def all_metrics(evidence: Evidence) -> Grid:
             texts = [_over_runs(evidence, domain.id, agent, column) for agent in evidence.agents]
             rows.append([title, label + mark, *texts])
             title = ""
-        texts = [_over_runs(evidence, domain.id, agent, "sampled_belief_kl") for agent in evidence.agents]
+        texts = [_over_runs(evidence, domain.id, agent, "sampled_belief_kl", 3) for agent in evidence.agents]
         if any(text != BLANK for text in texts):
             rows.append(["", "KL of the belief, nats", *texts])
     notes = [
@@ -250,12 +250,12 @@ def _text(
     return plus_minus(row[value], scale * row.get(spread, math.nan), digits)
 
 
-def _over_runs(evidence: Evidence, domain: str, agent: str, column: str) -> str:
+def _over_runs(evidence: Evidence, domain: str, agent: str, column: str, digits: int = 2) -> str:
     runs = evidence.runs
     if runs.empty or column not in runs:
         return BLANK
     values = runs.loc[(runs["domain"] == domain) & (runs["agent"] == agent), column].dropna()
-    return plus_minus(float(values.mean()), float(values.std(ddof=0))) if len(values) else BLANK
+    return plus_minus(float(values.mean()), float(values.std(ddof=0)), digits) if len(values) else BLANK
 
 
 def _scale(evidence: Evidence, domain: str, best_start: str) -> tuple[float, float, bool]:

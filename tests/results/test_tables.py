@@ -138,7 +138,7 @@ def test_all_metrics_mark_the_paper_s() -> None:
     table = rows(tables.all_metrics(evidence()))
     assert table["Hallway", "last 100 training"]["Ah-Ch+BGN"] == "0.45±0.05"
     assert table["Hallway", "evaluated, greedy *"]["Ah-Ch+BGN"] == "0.54±0.02"
-    assert table["TopPlate", "KL of the belief, nats"]["Ah-Ch+BGN"] == "0.50±0.00"
+    assert table["TopPlate", "KL of the belief, nats"]["Ah-Ch+BGN"] == "0.500±0.000"
     assert table["TopPlate", "KL of the belief, nats"]["Ah-Ch"] == "–"
     assert ("Hallway", "KL of the belief, nats") not in table
 
