@@ -60,7 +60,7 @@ def _judge(
     tolerances = {domain.id: domain.tolerance for domain in domains}
     judgements = verdicts.judge_numbers(samples, tolerances)
     grounded = {domain: sample for (domain, agent), sample in samples.items() if agent == GROUNDED}
-    judgements |= verdicts.judge_below(samples, grounded)
+    judgements |= verdicts.judge_below(samples, grounded, tolerances)
     for cell, claim in paper.CLAIMS.items():
         if claim.kind == "perfect" and cell in samples:
             successes, episodes = _pooled_successes(groups[cell])

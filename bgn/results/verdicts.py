@@ -82,21 +82,30 @@ def judge_perfection(successes: int, episodes: int, *, tolerance: float) -> Judg
 
 
 def judge_below(
-    ours: Mapping[tuple[str, str], Sample], better: Mapping[str, Sample]
+    ours: Mapping[tuple[str, str], Sample],
+    better: Mapping[str, Sample],
+    tolerances: Mapping[str, float],
 ) -> dict[tuple[str, str], Judgement]:
-    """Judge the claims that cells do worse than their domain's ``better`` agent (one-sided Welch tests)."""
+    """Judge the claims that cells do worse than their domain's ``better`` agent (one-sided Welch tests).
+
+    A cell that does significantly better, or as well within its domain's tolerance (TOST), refutes its claim.
+    """
     claims = [cell for cell, claim in paper.CLAIMS.items() if claim.kind == "below-bgn"]
     pairs = {cell: (ours[cell], better[cell[0]]) for cell in claims if cell in ours and cell[0] in better}
     pairs = {cell: (a, b) for cell, (a, b) in pairs.items() if min(a.n, b.n) > 1}
     less = holm([welch_p(a, b, tail="less") for a, b in pairs.values()], family=len(claims))
     greater = holm([welch_p(a, b, tail="greater") for a, b in pairs.values()], family=len(claims))
+    equal = holm(
+        [equivalence_p(a, b, tolerance=tolerances[cell[0]]) for cell, (a, b) in pairs.items()],
+        family=len(claims),
+    )
     judgements = {}
-    for cell, p_less, p_greater in zip(pairs, less, greater, strict=True):
-        if p_less < SIGNIFICANCE:
-            judgements[cell] = Judgement(Verdict.REPRODUCED, p_less)
-        else:
-            exceeds = p_greater < SIGNIFICANCE
-            judgements[cell] = Judgement(Verdict.EXCEEDS if exceeds else Verdict.INCONCLUSIVE, p_less)
+    for cell, p_less, p_greater, p_equal in zip(pairs, less, greater, equal, strict=True):
+        refuted = min(p_greater, p_equal) < SIGNIFICANCE
+        verdict = Verdict.EXCEEDS if refuted else Verdict.INCONCLUSIVE
+        judgements[cell] = Judgement(
+            Verdict.REPRODUCED if p_less < SIGNIFICANCE else verdict, p_less, p_equal
+        )
     return judgements
 
 

@@ -70,12 +70,20 @@ def test_claims_of_being_below_the_grounded_agent() -> None:
         ("top-plate", "ab-cb"): Sample(0.985, 0.02, 10),
         ("two-bumps-1d", "ah-ch"): Sample(0.2, 0.1, 10),
     }
-    found = verdicts.judge_below(ours, better)
+    tolerances = {"top-plate": 0.01, "two-bumps-1d": 0.01}
+    found = verdicts.judge_below(ours, better, tolerances)
     assert {cell: judgement.verdict for cell, judgement in found.items()} == {
         ("top-plate", "ah-ch"): Verdict.REPRODUCED,
         ("top-plate", "ab-cb"): Verdict.INCONCLUSIVE,
     }
     reversed_ = verdicts.judge_below(
-        {("top-plate", "ah-ch"): Sample(0.9, 0.01, 10)}, {"top-plate": Sample(0.2, 0.1, 10)}
+        {("top-plate", "ah-ch"): Sample(0.9, 0.01, 10)}, {"top-plate": Sample(0.2, 0.1, 10)}, tolerances
     )
     assert reversed_["top-plate", "ah-ch"].verdict is Verdict.EXCEEDS
+    as_good = verdicts.judge_below(
+        {("top-plate", "ah-ch"): Sample(1.0, 0.0, 3), ("top-plate", "ah-cs"): Sample(0.98, 0.02, 3)},
+        {"top-plate": Sample(1.0, 0.0, 3)},
+        tolerances,
+    )
+    assert as_good["top-plate", "ah-ch"].verdict is Verdict.EXCEEDS
+    assert as_good["top-plate", "ah-cs"].verdict is Verdict.INCONCLUSIVE
