@@ -15,7 +15,7 @@ from benchmarks import local_executor, plan, progress, registry, report, stream_
 from benchmarks.events import Event
 from benchmarks.plan import Selection, State
 from benchmarks.registry import Registry, RegistryError
-from benchmarks.tasks import CellTask, Task, Tools
+from benchmarks.tasks import CellTask, ReferenceTask, Task, Tools
 from bgn.domains import UnknownDomainError
 from bgn.results.store import StoreError
 
@@ -81,10 +81,13 @@ def _check_device(device: str) -> None:
 
 def _execute(tasks: Sequence[Task], options: argparse.Namespace, tools: Tools) -> Generator[Event]:
     """Do all tasks: on the CPU in processes; on a GPU the cells in threads, the planners before them."""
-    on_gpu = [task for task in tasks if isinstance(task, CellTask) and task.device == "cuda"]
-    on_cpu = [task for task in tasks if task not in on_gpu]
-    yield from local_executor.run_tasks(on_cpu, jobs=options.jobs, tools=tools)
-    yield from stream_executor.run_tasks(on_gpu, jobs=options.jobs, tools=tools)
+    if options.device == "cpu":
+        yield from local_executor.run_tasks(tasks, jobs=options.jobs, tools=tools)
+        return
+    planners = [task for task in tasks if isinstance(task, ReferenceTask)]
+    cells = [task for task in tasks if isinstance(task, CellTask)]
+    yield from local_executor.run_tasks(planners, jobs=options.jobs, tools=tools)
+    yield from stream_executor.run_tasks(cells, jobs=options.jobs, tools=tools)
 
 
 def _show_status(selection: Selection, options: argparse.Namespace, console: Console) -> int:

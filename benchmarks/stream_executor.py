@@ -9,6 +9,7 @@ from __future__ import annotations
 import queue
 import threading
 from collections.abc import Generator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 
 from benchmarks.events import Advanced, Event, Finished, Started
 from benchmarks.tasks import Task, Tools, execute
@@ -24,50 +25,30 @@ def run_tasks(tasks: Sequence[Task], *, jobs: int, tools: Tools) -> Generator[Ev
 
     Closing the iterator stops the threads at their next report of progress; checkpoints stand.
     """
-    pool = _Pool(tasks, tools)
-    threads = [threading.Thread(target=pool.work, daemon=True) for _ in range(min(jobs, len(tasks)))]
-    for thread in threads:
-        thread.start()
+    stopped = threading.Event()
+    messages: queue.SimpleQueue[Event | Future[None]] = queue.SimpleQueue()
+
+    def do(task: Task) -> None:
+        def report(progress: Progress) -> None:
+            if stopped.is_set():
+                raise _Stopped
+            messages.put(Advanced(task, progress))
+
+        messages.put(Started(task))
+        messages.put(Finished(task, execute(task, tools, report)))
+
+    pool = ThreadPoolExecutor(jobs)
     try:
+        for task in tasks:
+            pool.submit(do, task).add_done_callback(messages.put)
         left = len(tasks)
         while left:
-            event = pool.events.get()
-            left -= isinstance(event, Finished)
-            yield event
+            message = messages.get()
+            if isinstance(message, Future):
+                message.result()  # raises what is no failure of the task, such as a full disk
+                left -= 1
+            else:
+                yield message
     finally:
-        pool.stopped.set()
-        for thread in threads:
-            thread.join()
-
-
-class _Pool:
-    """Tasks that wait for a thread, and events that wait for the caller."""
-
-    def __init__(self, tasks: Sequence[Task], tools: Tools) -> None:
-        self.tools = tools
-        self.stopped = threading.Event()
-        self.events: queue.SimpleQueue[Event] = queue.SimpleQueue()
-        self._waiting: queue.SimpleQueue[Task] = queue.SimpleQueue()
-        for task in tasks:
-            self._waiting.put(task)
-
-    def work(self) -> None:
-        """Do tasks until none waits; the body of a thread."""
-        while not self.stopped.is_set():
-            try:
-                task = self._waiting.get_nowait()
-            except queue.Empty:
-                return
-            try:
-                self._do(task)
-            except _Stopped:
-                return
-
-    def _do(self, task: Task) -> None:
-        def report(progress: Progress) -> None:
-            if self.stopped.is_set():
-                raise _Stopped
-            self.events.put(Advanced(task, progress))
-
-        self.events.put(Started(task))
-        self.events.put(Finished(task, execute(task, self.tools, report)))
+        stopped.set()
+        pool.shutdown(cancel_futures=True)

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 import torch
 
-from benchmarks import registry
+from benchmarks import registry, stream_executor
 from benchmarks.__main__ import main
 from benchmarks.events import Advanced, Finished, Started
 from benchmarks.plan import Selection
@@ -77,6 +77,17 @@ def test_closing_stops_the_threads_and_keeps_checkpoints(tmp_path: pathlib.Path)
     # The fake finishes at once where there is a checkpoint.
     list(run_tasks(work, jobs=2, tools=fakes.HANGING))
     assert set(Store(tmp_path).read("runs")["status"]) == {"ok"}
+
+
+def test_what_is_no_failure_of_a_task_ends_the_run(
+    tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def out_of_space(*_: object) -> None:
+        raise OSError("no space left")
+
+    monkeypatch.setattr(stream_executor, "execute", out_of_space)
+    with pytest.raises(OSError, match="no space left"):
+        list(run_tasks(tasks(tmp_path, ("ah-ch", "ab-cb")), jobs=1, tools=fakes.WORKING))
 
 
 @pytest.mark.usefixtures("one_thread")
