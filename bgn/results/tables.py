@@ -161,13 +161,9 @@ def success_rates(evidence: Evidence) -> Grid:
         random, perfect = (evidence.reference(domain.id, policy, CLEAN) for policy in ("random", "perfect"))
         references = [_text(random, "return", "return_se", scale=_CI), _text(perfect, "return")]
         rows.append([domain.title, "ours", *_cells(evidence, domain, _mean_sd), *references])
-        for label, column in (("ours, in MuJoCo", "physics_success"), ("steps an episode", "sampled_length")):
-            texts = [_over_runs(evidence, domain.id, agent, column) for agent in evidence.agents]
-            if any(text != BLANK for text in texts):
-                lengths = [
-                    _text(row, "length") if column == "sampled_length" else "" for row in (random, perfect)
-                ]
-                rows.append(["", label, *texts, *lengths])
+        lengths = [_text(row, "length") for row in (random, perfect)]
+        rows += _extra_row(evidence, domain, "ours, in MuJoCo", "physics_success", ["", ""])
+        rows += _extra_row(evidence, domain, "steps an episode", "sampled_length", lengths)
         rows.append(["", "paper's claim", *_cells(evidence, domain, _mark), "", ""])
     notes = [
         "Success in the last 100 training episodes, mean ± standard deviation over runs; in MuJoCo: episodes "
@@ -214,9 +210,7 @@ def all_metrics(evidence: Evidence) -> Grid:
             texts = [_over_runs(evidence, domain.id, agent, column) for agent in evidence.agents]
             rows.append([title, label + mark, *texts])
             title = ""
-        texts = [_over_runs(evidence, domain.id, agent, "sampled_belief_kl", 3) for agent in evidence.agents]
-        if any(text != BLANK for text in texts):
-            rows.append(["", "KL of the belief, nats", *texts])
+        rows += _extra_row(evidence, domain, "KL of the belief, nats", "sampled_belief_kl", digits=3)
     notes = [
         "Mean ± standard deviation over runs. * is the paper's metric for the domain, used above. KL: how far the "
         "belief that a grounded actor reconstructs is from the exact one, mean over the steps of sampled evaluation.",
@@ -249,6 +243,20 @@ def _text(
     if spread is None:
         return f"{row[value]:.{digits}f}"
     return plus_minus(row[value], scale * row.get(spread, math.nan), digits)
+
+
+def _extra_row(
+    evidence: Evidence,
+    domain: DomainRow,
+    label: str,
+    column: str,
+    references: Sequence[str] = (),
+    *,
+    digits: int = 2,
+) -> list[list[str]]:
+    """Return one row of a metric that not every run has, or none where no run has it."""
+    texts = [_over_runs(evidence, domain.id, agent, column, digits) for agent in evidence.agents]
+    return [["", label, *texts, *references]] if any(text != BLANK for text in texts) else []
 
 
 def _over_runs(evidence: Evidence, domain: str, agent: str, column: str, digits: int = 2) -> str:
