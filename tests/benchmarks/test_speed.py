@@ -44,8 +44,8 @@ def test_what_is_executed_is_hardly_more_than_what_is_needed(cell: tuple[str, st
     training = Training.of_cell(*cell)
     needed = multiply_adds(training.spec, training.domain, training.settings)
     asked = profiles.launches(training)
-    # Small products may be dispatched as something else: the critic's head has a single column.
-    assert 0.99 * needed < asked.multiply_adds / training.env_steps < 1.1 * needed
+    single_column = 256 * (96 + 160) / 80  # the critic's head, which is not dispatched as products
+    assert needed - single_column <= asked.multiply_adds / training.env_steps < 1.1 * needed
     assert 100 < asked.kernels < 2000
 
 
