@@ -16,6 +16,9 @@ from bgn.planning.deterministic import solve_deterministic
 from bgn.planning.evaluate import evaluate
 from bgn.planning.sarsop import Solution, solve, warm_up
 
+#: Simulating a policy of thousands of vectors takes longer than finding it.
+EPISODES = 2000
+
 
 @pytest.fixture(autouse=True, scope="module")
 def _compiled() -> None:
@@ -24,10 +27,6 @@ def _compiled() -> None:
 
 def _solve(name: str, precision: float, timeout: float) -> Solution:
     return solve(domains.get(name).model, precision=precision, timeout=timeout)
-
-
-#: Simulating a policy of thousands of vectors takes longer than finding it.
-EPISODES = 2000
 
 
 @pytest.mark.parametrize(
