@@ -27,6 +27,12 @@ from bgn.pomdp.model import MOMDP, POMDP
 
 #: A trial aims to close the gap to this share of what it is.
 TRIAL_TARGET = 0.5
+#: Steps that a sampled path may always have.
+MIN_LONGEST_PATH = 200
+#: A path may be this many times 1 / (1 - discount) long: what it tolerates grows by exp of that on the way.
+LONGEST_PATH_HORIZONS = 3
+#: Bounds the memory of a path where the discount is next to 1; trials that find nothing ask for less then.
+MAX_LONGEST_PATH = 10_000
 #: Prune when this many alpha vectors were added for each one that the last pruning left.
 PRUNE_GROWTH = 0.25
 #: Neighbourhood of the sampled beliefs in which pruning must not change the lower bound.
@@ -127,6 +133,7 @@ class Sarsop:
             raise PlanningError(
                 f"precision {precision:g} is impossible: values of this model are known to about {finest:.1g}"
             )
+        share = TRIAL_TARGET
         while True:
             lower, upper = self._root_bounds()
             excess = self._weights * (upper - lower)
@@ -134,12 +141,15 @@ class Sarsop:
             if gap <= precision:
                 return
             chosen = int(excess.argmax())
-            target = max(precision, TRIAL_TARGET * gap) * float(excess[chosen]) / gap / self._weights[chosen]
-            self._reserve(kernels.MAX_DEPTH)
+            target = max(precision, share * gap) * float(excess[chosen]) / gap / self._weights[chosen]
+            self._reserve(self._search.path.size)
+            known = self._search.counts[[kernels.ALPHAS, kernels.POINTS]].sum()
             kernels.trial(
                 self._model, self._search, self._roots[chosen], lower[chosen], lower[chosen] + target, target
             )
             self._n_trials += 1
+            found = self._search.counts[[kernels.ALPHAS, kernels.POINTS]].sum()
+            share = (1 + share) / 2 if found == known else TRIAL_TARGET
             self._prune_if_due()
             yield
 
@@ -335,12 +345,22 @@ def _reserve(model: CompiledModel, search: kernels.Search, steps: int) -> kernel
     return search
 
 
+def longest_path(discount: float) -> int:
+    """Return how many steps a trial may take.
+
+    The gap that a trial tolerates grows by 1 / discount with every step. A path that ends before it has grown
+    past the gaps it meets ends in a belief that stays as it was, and the next trial may take the same path.
+    """
+    horizons = int(np.ceil(LONGEST_PATH_HORIZONS / (1 - discount)))
+    return min(max(horizons, MIN_LONGEST_PATH), MAX_LONGEST_PATH)
+
+
 def _allocate(model: CompiledModel) -> kernels.Search:
     """Return a search that knows only the bounds that need no search."""
     L, A, C = model.n_live, model.n_actions, model.n_classes
     informed = fast_informed(model)
     search = kernels.Search(
-        counts=np.zeros(10, dtype=np.int64),
+        counts=np.zeros(11, dtype=np.int64),
         scale=value_scale(model),
         nodes=np.zeros(0, dtype=kernels.NODE),
         beliefs=np.zeros(0),
@@ -361,7 +381,7 @@ def _allocate(model: CompiledModel) -> kernels.Search:
         support_state=np.zeros(0, dtype=np.int32),
         support_inverse=np.zeros(0),
         bin_sums=np.zeros((2, max(kernels.BINS) ** 2, 3)),
-        path=np.zeros(kernels.MAX_DEPTH, dtype=np.int64),
+        path=np.zeros(longest_path(model.discount), dtype=np.int64),
         predicted=np.zeros(L),
         backward=np.zeros(L),
         conditioned=np.zeros(int(np.diff(model.class_first).max(initial=1))),
