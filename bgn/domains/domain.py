@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from bgn.domains._layout import GridLayout
+from bgn.domains.layout import GridLayout
 from bgn.pomdp.model import MOMDP
 
 

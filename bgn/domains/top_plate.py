@@ -11,7 +11,8 @@ from typing import Final
 
 import numpy as np
 
-from bgn.domains._finger import (
+from bgn.domains.domain import Domain, Features
+from bgn.domains.factored import (
     REPORT_DISCOUNT,
     TRAINING_DISCOUNT,
     Floats,
@@ -23,9 +24,9 @@ from bgn.domains._finger import (
     check_variant,
     join_features,
 )
-from bgn.domains._outcomes import SHIPPED, Outcomes, load
-from bgn.domains.domain import Domain, Features
+from bgn.domains.outcome_table import SHIPPED, Outcomes, load
 from bgn.domains.registry import register
+from bgn.errors import InputError
 
 PLATES: Final = 10  # paper, Section 5.2: k ~ U([1, 10])
 EPISODE_LIMIT: Final = 50  # paper, Table 6
@@ -56,10 +57,10 @@ def build(*, plates: int = PLATES, variant: Variant = "paper") -> Domain:
     """
     check_variant(variant)
     if plates < 1:
-        raise ValueError(f"top-plate needs plates >= 1, not {plates}")
+        raise InputError(f"top-plate needs plates >= 1, not {plates}")
     authors = variant == "authors"
     if authors and plates not in (PLATES, AUTHORS_PLATES):
-        raise ValueError(f"top-plate's authors variant has {AUTHORS_PLATES} plates, not {plates}")
+        raise InputError(f"top-plate's authors variant has {AUTHORS_PLATES} plates, not {plates}")
     n = AUTHORS_PLATES if authors else plates
     heights = AUTHORS_HEIGHTS if authors else np.arange(1, plates + 1)
     levels = n + 2
@@ -116,7 +117,7 @@ def _moves(n: int, heights: Integers) -> Integers:
 def _outcomes(n: int) -> Outcomes:
     if n <= PLATES:
         return load(SHIPPED / "top-plate")
-    from bgn.domains.physics.compile import cached  # MuJoCo is needed for unusually high stacks only
+    from bgn.physics.compile import cached  # MuJoCo is needed for unusually high stacks only
 
     return cached("top-plate", n)
 

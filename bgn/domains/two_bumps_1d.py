@@ -11,7 +11,8 @@ from typing import Final
 
 import numpy as np
 
-from bgn.domains._finger import (
+from bgn.domains.domain import Domain, Features
+from bgn.domains.factored import (
     REPORT_DISCOUNT,
     TRAINING_DISCOUNT,
     Booleans,
@@ -23,8 +24,7 @@ from bgn.domains._finger import (
     check_variant,
     join_features,
 )
-from bgn.domains._outcomes import SHIPPED, load
-from bgn.domains.domain import Domain, Features
+from bgn.domains.outcome_table import SHIPPED, load
 from bgn.domains.registry import register
 
 CELLS: Final = 15

@@ -25,7 +25,7 @@ from bgn.domains.domain import Domain
 #: which :func:`data_hash` covers.
 TRAINING_CODE = "bgn.training.trainer"
 #: What a run whose final policy stays out of physics never calls.
-PHYSICS_CODE = "bgn.simulation.physics_world"
+PHYSICS_CODE = "bgn.physics.world"
 #: Where the row of a reference policy starts.
 PLANNING_CODE = "bgn.planning.reference_rows"
 

@@ -7,7 +7,7 @@ import pytest
 
 from bgn import domains
 from bgn.domains import top_plate, two_bumps_1d, two_bumps_2d
-from bgn.simulation.scripted import scripted_policy
+from bgn.policies.scripted import scripted_policy
 
 ROBOTS = ("top-plate", "two-bumps-1d", "two-bumps-2d")
 VARIANTS = [(name, variant) for name in ROBOTS for variant in ("paper", "authors")]
