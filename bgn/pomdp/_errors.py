@@ -6,8 +6,10 @@ import re
 
 from lark import Token
 
+from bgn.errors import BgnError
 
-class PomdpFormatError(ValueError):
+
+class PomdpFormatError(BgnError, ValueError):
     """Not a valid .pomdp model: ``message``, found at ``line`` and ``column`` (from 1) of ``source``."""
 
     def __init__(self, message: str, line: int, column: int, source: str = "<string>") -> None:
