@@ -19,7 +19,7 @@ from bgn.results.store import Kind, Store
 from bgn.training.cell import CellSpec
 
 _REFERENCE_SEED = 0
-_STEPS_PER_PLANNING_SECOND = 3000.0  # to compare a planner's time with training, roughly
+_STEPS_PER_BACKUP = 3.0  # to compare a planner's work with training, roughly
 
 
 class State(enum.Enum):
@@ -120,6 +120,7 @@ class Selection:
                     reference=reference,
                     convention=convention,
                     episodes=budget.reference_episodes,
+                    planning_backups=budget.planning_backups,
                     planning_seconds=budget.planning_seconds,
                     seed=_REFERENCE_SEED,
                 )
@@ -132,7 +133,7 @@ class Selection:
         spec = members[0].spec
         origin = members[0].origin
         if isinstance(spec, ReferenceSpec):
-            cost = spec.planning_seconds * _STEPS_PER_PLANNING_SECOND
+            cost = spec.planning_backups * _STEPS_PER_BACKUP
             return ReferenceTask(
                 origin=origin,
                 budget=self.budget,

@@ -62,6 +62,7 @@ class ReferenceSpec:
     reference: str
     convention: Convention
     episodes: int
+    planning_backups: int
     planning_seconds: float
     seed: int
 
@@ -77,6 +78,7 @@ def evaluate_reference(spec: ReferenceSpec) -> Mapping[str, float]:
         episodes=spec.episodes,
         seed=spec.seed,
         convention=spec.convention,
+        backups=spec.planning_backups,
         timeout=spec.planning_seconds,
     )
 

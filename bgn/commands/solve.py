@@ -28,6 +28,9 @@ def add_solve(commands: Commands) -> None:
     command.add_argument(
         "--timeout", type=float, default=60.0, help="CPU seconds, after the kernels are compiled"
     )
+    command.add_argument(
+        "--backups", type=int, help="stop after this much work, which finds the same on every run"
+    )
     command.add_argument("--policy", type=Path, metavar="OUT", help="write the policy (APPL's XML format)")
     command.add_argument(
         "--solver", choices=("bgn", "appl"), default="bgn", help="appl: pomdpsol from the PATH"
@@ -48,6 +51,7 @@ def _solve(options: argparse.Namespace) -> int:
                 model,
                 precision=options.precision,
                 timeout=options.timeout,
+                backups=options.backups,
                 convention=options.convention,
                 on_progress=report,
             )
@@ -58,6 +62,8 @@ def _solve(options: argparse.Namespace) -> int:
 
 
 def _solve_with_appl(model: MOMDP, options: argparse.Namespace) -> Solution:
+    if options.backups is not None:
+        raise PlanningError("pomdpsol cannot be bounded by backups: use --timeout")
     if options.convention != "clean" or model.n_observed > 1:
         raise PlanningError("pomdpsol solves one start belief: only clean episodes of models that show no x")
     return solve_with_appl(model.joint, precision=options.precision, timeout=options.timeout)

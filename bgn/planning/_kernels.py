@@ -565,13 +565,20 @@ def predict_value(model: CompiledModel, search: Search, i: int) -> float:
 
 @kernel
 def trial(
-    model: CompiledModel, search: Search, root: int, lower_target: float, upper_target: float, epsilon: float
+    model: CompiledModel,
+    search: Search,
+    root: int,
+    lower_target: float,
+    upper_target: float,
+    epsilon: float,
+    spread: bool,
 ) -> int:
     """Sample one path from a root towards beliefs that matter, then back it up; return its length.
 
     Kurniawati, Hsu, Lee (2008), Algorithm 3: a path ends where neither the predicted value would raise the
     root's lower bound nor the upper bound keeps the root's gap above the target. The next belief is the child
-    whose gap exceeds its target the most.
+    whose gap exceeds its target the most; with ``spread``, one that the path has not passed before if any
+    exceeds it.
     """
     i, depth, slack = root, 0, epsilon
     search.counts[TRIALS] += 1
@@ -592,7 +599,7 @@ def trial(
         refresh_children(model, search, i, a, True)
         refresh_children(model, search, i, a, False)
         first, last = edges_of(model, search, i, a)
-        chosen, widest, again, widest_again, below, above = -1, 0.0, -1, 0.0, 0.0, 0.0
+        below, above, chosen, widest, passed, widest_passed = 0.0, 0.0, -1, 0.0, -1, 0.0
         for e in range(first, last):
             edge = search.edges[e]
             if edge.child >= 0:
@@ -600,13 +607,13 @@ def trial(
                 below += edge.p * child.lower
                 above += edge.p * child.upper
                 excess = edge.p * (child.upper - child.lower - slack)
-                if child.slot >= 0 and search.slots[child.slot].trial == search.counts[TRIALS]:
-                    if excess > widest_again:
-                        again, widest_again = e, excess
+                if spread and child.slot >= 0 and search.slots[child.slot].trial == search.counts[TRIALS]:
+                    if excess > widest_passed:
+                        passed, widest_passed = e, excess
                 elif excess > widest:
                     chosen, widest = e, excess
         if chosen < 0:
-            chosen = again
+            chosen = passed
         if chosen < 0:
             break
         edge = search.edges[chosen]

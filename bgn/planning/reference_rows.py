@@ -40,14 +40,18 @@ def evaluate_reference(
     episodes: int,
     seed: int,
     convention: Convention = "clean",
-    timeout: float = 30.0,
+    backups: int = 10_000,
+    timeout: float = 600.0,
 ) -> dict[str, float]:
-    """Plan if need be (at most ``timeout`` CPU seconds), then simulate: the seed decides the episodes.
+    """Plan if need be, then simulate: the seed decides the episodes.
+
+    A solve ends after ``backups`` beliefs backed up, so that a row is the same whenever it is computed; after
+    ``timeout`` CPU seconds it is cut off, and the row says so.
 
     Returns ``return`` (discounted as the domain reports it), ``return_se``, ``return_sd``, ``success``,
     ``success_se``, ``length``. ``perfect`` is exact, without simulation; it adds ``value`` (V*, discounted as
     in training) and ``max_length``. ``sarsop`` adds ``lower_bound`` and ``upper_bound`` of the optimum (at
-    the model's discount, without the episode limit), ``solve_seconds`` (CPU) and ``vectors``.
+    the model's discount, without the episode limit), ``backups``, ``vectors`` and ``timed_out`` (0 or 1).
 
     Raises
     ------
@@ -59,7 +63,7 @@ def evaluate_reference(
         raise InputError(f"no reference policy {reference_id!r} for {domain.id}; known: {known}")
     if reference_id == "perfect":
         return _perfect(domain)
-    policy, metrics = _plan(reference_id, domain, convention, timeout)
+    policy, metrics = _plan(reference_id, domain, convention, backups, timeout)
     outcome = evaluate(
         domain.model,
         policy,
@@ -97,7 +101,7 @@ def _perfect(domain: Domain) -> dict[str, float]:
 
 
 def _plan(
-    reference_id: str, domain: Domain, convention: Convention, timeout: float
+    reference_id: str, domain: Domain, convention: Convention, backups: int, timeout: float
 ) -> tuple[Policy, dict[str, float]]:
     """Return a reference policy and what planning it said."""
     model = domain.model
@@ -106,17 +110,22 @@ def _plan(
     if reference_id == "drive-east":
         return always(model.joint, _DRIVE_EAST), {}
     if reference_id == "sarsop":
-        return _solve(domain, convention, timeout)
+        return _solve(domain, convention, backups, timeout)
     compiled = compile_model(model.joint, start_beliefs(model, convention))
     return (qmdp if reference_id == "qmdp" else informed)(model.joint, compiled), {}
 
 
 @lru_cache(maxsize=8)
-def _solve(domain: Domain, convention: Convention, timeout: float) -> tuple[AlphaVectors, dict[str, float]]:
-    solution = solve(domain.model, precision=PRECISION, timeout=timeout, convention=convention)
+def _solve(
+    domain: Domain, convention: Convention, backups: int, timeout: float
+) -> tuple[AlphaVectors, dict[str, float]]:
+    solution = solve(
+        domain.model, precision=PRECISION, backups=backups, timeout=timeout, convention=convention
+    )
     return solution.policy, {
         "lower_bound": solution.progress.lower,
         "upper_bound": solution.progress.upper,
-        "solve_seconds": solution.progress.seconds,
+        "backups": float(solution.progress.backups),
         "vectors": float(len(solution.policy)),
+        "timed_out": float(solution.reason == "timeout"),
     }

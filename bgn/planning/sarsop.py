@@ -89,7 +89,7 @@ class Sarsop:
         self._model = compile_model(self._joint, starts)
         self._search = _allocate(self._model)
         self._prune_alphas_at, self._prune_points_at = 100, 500
-        self._n_trials = 0
+        self._spread = False  # whether paths keep away from beliefs they have passed
         roots, weights = [], []
         for start in starts:
             c, belief, mass = restrict(self._model, start.belief)
@@ -107,6 +107,11 @@ class Sarsop:
         """CPU time since the search was made."""
         return time.process_time() - self._began
 
+    @property
+    def backups(self) -> int:
+        """Work done so far: beliefs backed up."""
+        return int(self._search.counts[kernels.BACKUPS])
+
     def progress(self) -> Progress:
         """Return the bounds and sizes reached."""
         lower, upper = self._root_bounds()
@@ -117,12 +122,16 @@ class Sarsop:
             seconds=self.seconds,
             vectors=int(self._search.alphas["alive"][:n_alphas].sum()),
             beliefs=int(self._search.slots["alive"][:n_slots].sum()),
-            trials=self._n_trials,
-            backups=int(self._search.counts[kernels.BACKUPS]),
+            trials=int(self._search.counts[kernels.TRIALS]),
+            backups=self.backups,
         )
 
     def trials(self, precision: float) -> Iterator[None]:
         """Run trials until the gap at the start is at most ``precision``; yields after each.
+
+        Where the discount is near 1, a path may go round among a few beliefs, and once their bounds agree with
+        each other it adds nothing: the next one would be the same. So after a trial that adds nothing, paths
+        keep away from beliefs they have passed, and the next trial aims at half as large an improvement.
 
         Raises
         ------
@@ -143,16 +152,22 @@ class Sarsop:
                 return
             chosen = int(excess.argmax())
             target = max(precision, share * gap) * float(excess[chosen]) / gap / self._weights[chosen]
-            self._reserve(self._search.path.size)
-            known = self._search.counts[[kernels.ALPHAS, kernels.POINTS]].sum()
-            kernels.trial(
-                self._model, self._search, self._roots[chosen], lower[chosen], lower[chosen] + target, target
-            )
-            self._n_trials += 1
-            found = self._search.counts[[kernels.ALPHAS, kernels.POINTS]].sum()
-            share = (1 + share) / 2 if found == known else TRIAL_TARGET
+            if self._trial(chosen, lower[chosen], target):
+                share = TRIAL_TARGET
+            else:
+                self._spread, share = True, (1 + share) / 2
             self._prune_if_due()
             yield
+
+    def _trial(self, root: int, lower: float, target: float) -> bool:
+        """Run a trial that aims to close a root's gap to ``target``; return whether it added to a bound."""
+        self._reserve(self._search.path.size)
+        additions = [kernels.ALPHAS, kernels.POINTS]
+        before = self._search.counts[additions]
+        kernels.trial(
+            self._model, self._search, self._roots[root], lower, lower + target, target, self._spread
+        )
+        return bool((self._search.counts[additions] > before).any())
 
     def policy(self) -> AlphaVectors:
         """Return the vectors that attain the lower bound, over the original states.
@@ -239,6 +254,9 @@ def warm_up() -> None:
     search.policy()
 
 
+Reason = Literal["precision", "backups", "timeout", "interrupted"]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Solution:
     """What a solve found."""
@@ -246,7 +264,7 @@ class Solution:
     policy: AlphaVectors
     progress: Progress
     """Bounds and sizes at the end."""
-    reason: Literal["precision", "timeout", "interrupted"]
+    reason: Reason
     """Why it ended."""
 
 
@@ -255,22 +273,27 @@ def solve(
     *,
     precision: float,
     timeout: float,
+    backups: int | None = None,
     convention: Convention = "clean",
     on_progress: Callable[[Progress], None] | None = None,
 ) -> Solution:
-    """Search until the bounds are within ``precision`` of each other, for at most ``timeout`` CPU seconds.
+    """Search until the bounds are within ``precision`` of each other.
 
-    ``on_progress`` is called about ten times a second. Ctrl-C ends the search and keeps what was found.
+    It ends earlier after the trial that reaches ``backups`` (work: the same on every run), or after
+    ``timeout`` CPU seconds. ``on_progress`` is called about ten times a second. Ctrl-C ends the search and
+    keeps what was found.
 
     Raises
     ------
     PlanningError
-        The precision is impossible, the timeout is not positive, or the discount is 1.
+        The precision is impossible, a limit is not positive, or the discount is 1.
     """
     if not timeout > 0:
         raise PlanningError(f"timeout {timeout:g} is not positive")
+    if backups is not None and backups < 1:
+        raise PlanningError(f"{backups} backups are not positive")
     search = Sarsop(model, convention)
-    reason: Literal["precision", "timeout", "interrupted"] = "precision"
+    reason: Reason = "precision"
     reported = -np.inf
     try:
         for _ in search.trials(precision):
@@ -278,6 +301,9 @@ def solve(
             if on_progress is not None and seconds - reported > 0.1:
                 on_progress(search.progress())
                 reported = seconds
+            if backups is not None and search.backups >= backups:
+                reason = "backups"
+                break
             if seconds >= timeout:
                 reason = "timeout"
                 break

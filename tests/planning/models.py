@@ -1,5 +1,7 @@
 """Small models whose values are known."""
 
+import math
+
 import numpy as np
 from scipy import sparse
 
@@ -96,3 +98,29 @@ def corridor(n=4, discount=0.9):
         T, O, R, start=start.ravel(), discount=discount, reset=reset, actions=("left", "right", "grasp")
     )
     return MOMDP(model, X)
+
+
+def slotted_aloha(n=10, *, actions=9, arrivals=0.9, discount=0.999):
+    """Share a channel: let every backlogged station send with probability 1, 1/2, ... or 1/actions in a slot.
+
+    A state is (stations backlogged, what the last slot held: 0 nothing, 1 a message, 2 a collision); only the
+    latter is seen. A message leaves the backlog, Poisson arrivals join it, and every free place earns 1.
+    """
+    poisson = np.array([np.exp(-arrivals) * arrivals**k / math.factorial(k) for k in range(n)])
+    T = np.zeros((actions, n, 3, n, 3))
+    for a, backlog in np.ndindex(actions, n):
+        p = 1 / (a + 1)
+        idle = (1 - p) ** backlog
+        message = backlog * p * (1 - p) ** (backlog - 1) if backlog else 0.0
+        for held, chance in enumerate((idle, message, max(1 - idle - message, 0))):
+            left = max(backlog - (held == 1), 0)
+            joined = np.append(poisson[: n - 1 - left], 1 - poisson[: n - 1 - left].sum())
+            T[a, backlog, :, left:, held] = chance * joined
+    free = np.repeat(n - 1.0 - np.arange(n), 3)
+    return pomdp(
+        T.reshape(actions, 3 * n, 3 * n),
+        np.tile(np.eye(3), (actions, n, 1)),
+        np.tile(free, (actions, 1)),
+        start=np.eye(3 * n)[0],
+        discount=discount,
+    )

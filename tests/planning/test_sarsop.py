@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -8,7 +10,7 @@ from bgn.planning.episodic import start_beliefs
 from bgn.planning.evaluate import evaluate
 from bgn.planning.sarsop import PlanningError, Sarsop, solve
 from tests.planning.exact import tree_bounds
-from tests.planning.models import corridor, guess, pomdp, random_model, tiger
+from tests.planning.models import corridor, guess, pomdp, random_model, slotted_aloha, tiger
 
 
 def solved(model, precision=1e-3, timeout=20, **options):
@@ -155,3 +157,33 @@ def test_a_timeout_is_kept():
     solution = solve(domains.get("hallway-2").model, precision=1e-3, timeout=0.5)
     assert solution.reason == "timeout"
     assert 0.5 <= solution.progress.seconds < 2.0
+
+
+@pytest.mark.parametrize(
+    ("stations", "sending", "discount", "stalled_at"),
+    [(5, 4, 0.98, (39.604, 41.653)), (6, 5, 0.99, (72.344, 76.256))],
+)
+def test_paths_that_go_round_do_not_stall_the_search(stations, sending, discount, stalled_at):
+    # A slot in which nothing is sent leads back to the same belief, which is also the likeliest to follow.
+    # A search that always goes there stands still at `stalled_at` (measured, for 20,000 backups).
+    model = slotted_aloha(stations, actions=sending, discount=discount)
+    progress = solve(model, precision=1e-3, timeout=60, backups=10_000).progress
+    assert progress.lower > stalled_at[0] + 0.5
+    assert progress.upper < stalled_at[1] - 0.2
+
+
+def test_work_decides_what_is_found_not_time():
+    model = domains.get("hallway").model
+    first, second = (
+        solve(model, precision=1e-3, timeout=100, backups=500, on_progress=waste)
+        for waste in (None, lambda progress: sum(range(100_000)))
+    )
+    assert first.reason == second.reason == "backups"
+    assert 500 <= first.progress.backups < 700
+    assert replace(first.progress, seconds=0.0) == replace(second.progress, seconds=0.0)
+    assert (first.policy.vectors == second.policy.vectors).all()
+
+
+def test_no_work_is_refused():
+    with pytest.raises(PlanningError, match="0 backups are not positive"):
+        solve(tiger(), precision=1e-3, timeout=1, backups=0)
