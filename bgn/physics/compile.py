@@ -20,7 +20,7 @@ import mujoco
 import numpy as np
 
 from bgn.domains import outcome_table
-from bgn.domains.outcome_table import Header, Outcomes
+from bgn.domains.outcome_table import Header, OutcomeTable
 from bgn.errors import BgnError
 from bgn.physics.scene import Outcome, Scene, Snapshot
 from bgn.physics.tasks import task_of
@@ -97,7 +97,7 @@ def compile_scene(
     histories: int = HISTORIES,
     jobs: int = 1,
     progress: Progress | None = None,
-) -> Outcomes:
+) -> OutcomeTable:
     """Compile the whole table of a scene, its hidden parts in ``jobs`` processes.
 
     ``progress`` wraps the iteration over the hidden parts, as ``rich.progress.track`` does.
@@ -140,7 +140,7 @@ def _work(hidden: int, histories: int) -> Column:
     return compile_hidden(_worker, hidden, histories)
 
 
-def _collect(scene: Scene, columns: list[Column]) -> Outcomes:
+def _collect(scene: Scene, columns: list[Column]) -> OutcomeTable:
     readings = 1 + max(reading for column in columns for reading, _ in column.outcomes)
     readings = -(-readings // scene.bins) * scene.bins
     shape = (readings, scene.actions, len(columns))
@@ -158,4 +158,4 @@ def _collect(scene: Scene, columns: list[Column]) -> Outcomes:
         margin=round(min(column.margin for column in columns), 4),
         digest=outcome_table.digest(reading, pushed),
     )
-    return Outcomes(reading, pushed, header)
+    return OutcomeTable(reading, pushed, header)

@@ -138,19 +138,21 @@ def test_stored_table_round_trips(stored):
 
 
 def test_missing_table_is_a_clear_error(tmp_path):
-    with pytest.raises(outcome_table.OutcomesError, match=r"no compiled table .*nothing.json; recompile it"):
+    with pytest.raises(
+        outcome_table.OutcomeTableError, match=r"no compiled table .*nothing.json; recompile it"
+    ):
         outcome_table.load(tmp_path / "nothing")
 
 
 def test_truncated_table_is_a_clear_error(stored):
     arrays = stored.with_suffix(".npz")
     arrays.write_bytes(arrays.read_bytes()[:100])
-    with pytest.raises(outcome_table.OutcomesError, match=r"top-plate is damaged .*recompile it"):
+    with pytest.raises(outcome_table.OutcomeTableError, match=r"top-plate is damaged .*recompile it"):
         outcome_table.load(stored)
 
 
 def test_table_of_another_header_is_a_clear_error(stored):
     header = json.loads(stored.with_suffix(".json").read_text()) | {"digest": "0" * 64}
     stored.with_suffix(".json").write_text(json.dumps(header))
-    with pytest.raises(outcome_table.OutcomesError, match="not the one of its header"):
+    with pytest.raises(outcome_table.OutcomeTableError, match="not the one of its header"):
         outcome_table.load(stored)
