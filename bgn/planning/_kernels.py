@@ -94,9 +94,9 @@ POINT = np.dtype(
     align=True,
 )
 
-(
-    *(NODES, BELIEFS, SLOTS, EDGES, ALPHAS, ALPHA_ENTRIES, ALPHA_NEXT, POINTS, SUPPORTS, BACKUPS, TRIALS),
-) = range(11)
+(*(NODES, BELIEFS, SLOTS, EDGES, ALPHAS, ALPHA_ENTRIES, ALPHA_NEXT, POINTS, SUPPORTS, BACKUPS, TRIALS),) = (
+    range(11)
+)
 
 
 class Search(NamedTuple):
