@@ -28,7 +28,9 @@ class RunIdError(InputError):
 def check_name(name: str) -> None:
     """Raise :class:`RunIdError` unless a name may be part of an id."""
     if not _NAME.fullmatch(name):
-        raise RunIdError(f"{name!r} cannot be part of an id: lower-case letters, digits, '.', '+', '_' and '-' only")
+        raise RunIdError(
+            f"{name!r} cannot be part of an id: lower-case letters, digits, '.', '+', '_' and '-' only"
+        )
 
 
 @dataclass(frozen=True, order=True)
@@ -100,7 +102,9 @@ class ReferenceId:
     def parse(cls, text: str) -> Self:
         """Read ``hallway/sarsop/clean``."""
         conventions = get_args(Convention)
-        expected = f"a reference id: DOMAIN/REFERENCE/{' or '.join(conventions)}, such as hallway/sarsop/clean"
+        expected = (
+            f"a reference id: DOMAIN/REFERENCE/{' or '.join(conventions)}, such as hallway/sarsop/clean"
+        )
         domain, reference, convention = _split(text, 3, expected)
         if convention not in conventions:
             raise RunIdError(f"{text!r} is not {expected}")
