@@ -40,13 +40,19 @@ class EvidenceError(BgnError, LookupError):
     """What was asked for is not stored; the message says what is."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class StoredEvidence(Evidence):
     """The finished results of one budget and preset, with their curves and policies."""
 
     budget: str
     preset: str
     store: Store
+
+    def __repr__(self) -> str:
+        return (
+            f"<evidence of {self.budget}/{self.preset} in {self.store.root}: {len(self.runs)} runs of "
+            f"{len(self.cells)} cells, {len(self.references)} reference rows, {len(self.policies())} policies>"
+        )
 
     @cached_property
     def curves(self) -> pd.DataFrame:
