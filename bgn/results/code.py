@@ -1,20 +1,19 @@
 """A hash of the code that a run executes, which does not see where that code stands.
 
-What counts is the graph of top-level definitions (functions, classes, constants) that can be reached by name from
-where a run starts. A definition counts by its syntax, in which every name of the own package is replaced by what it
-refers to; so neither the names of modules and definitions nor the import statements are part of the hash, and
-moving a definition to another module, or giving it another name, changes nothing. Comments, docstrings, layout and the
-annotations of functions do not count either.
+What counts is the graph of top-level definitions (functions, classes, constants) that can be reached by name
+from where a run starts. A definition counts by its syntax, in which every name of the own package is replaced
+by what it refers to: neither the names of modules and definitions nor import statements are part of the hash,
+and moving or renaming a module or a definition changes nothing. Comments, docstrings, layout and the annotations
+of functions do not count either.
 
-Where the graph cannot be sharp it covers too much: a class counts with all its methods, a name that is bound twice with
-both bindings, a module that is handed around as an object with everything in it. Annotations are followed, so
-that the methods of what a run is handed count too. Of every module that is imported on the way, what it does while
-being imported counts: statements at its top that are no definitions, and definitions that call or are decorated by
-functions of the package.
+Where the graph cannot be sharp it covers too much: a class counts with all its methods, a name that is bound
+twice with both bindings, a module that is handed around as an object with everything in it. Annotations are
+followed, so that the methods of what a run is handed count too. Of every module that is imported on the way, what
+it does while being imported counts: its top-level statements that are no definitions, and its definitions that
+call, or are decorated by, functions of the package.
 
-An error ends a run, which then has no result; what is raised therefore counts only where an error may be caught and
-swallowed. What is imported under a computed name is not followed: so the domains are found, of which a run
-sees the tables (:mod:`bgn.results.data`).
+An error ends a run, which then has no result: what is raised counts only where one may be caught and
+swallowed. What is imported under a computed name is not followed.
 """
 
 from __future__ import annotations
@@ -25,6 +24,7 @@ import pathlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache, cached_property
+from typing import TypeAlias
 
 #: Handlers of these do not swallow an error of the program.
 _INTERRUPTS = {"KeyboardInterrupt", "SystemExit"}
@@ -33,7 +33,19 @@ _Import = ast.Import | ast.ImportFrom
 
 
 class CodeError(LookupError):
-    """There is no such module or definition to start from."""
+    """A scope names a module or definition that is not there."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scope:
+    """Where a run starts, and what is left out; ``package.module`` or ``package.module:definition``."""
+
+    entries: tuple[str, ...]
+    """What is called, and the classes of what it is handed."""
+    without: tuple[str, ...] = ()
+    """What is neither followed nor counted, nor what only it needs; may be a method: ``module:Class.method``."""
+    data: tuple[str, ...] = ()
+    """Dataclasses whose fields are hashed with the data: only their methods count."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +65,10 @@ class _External:
     name: str
 
 
+#: What a name stands for; a definition with the one of its names that it was found under.
+_Meaning: TypeAlias = "tuple[str, Definition] | _Module | _External"
+
+
 @dataclass(eq=False)
 class _Syntax:
     """A definition's tokens without the package's names, and what the names refer to, in order."""
@@ -67,6 +83,18 @@ class _Syntax:
         self.references.append((str(definition.names.index(name)) if name else "", definition))
 
 
+@dataclass(frozen=True)
+class _Reading:
+    """What of a definition counts."""
+
+    raises: bool
+    """Whether what it raises does."""
+    without: frozenset[str] = frozenset()
+    """Methods that do not."""
+    fields: bool = True
+    """Whether a class's annotated fields do."""
+
+
 class CodeTree:
     """The sources of a package, read once."""
 
@@ -74,31 +102,44 @@ class CodeTree:
         """Read the package as it stands in the folder ``root``."""
         self.root, self.package = root, package
         self._modules: dict[str, _Module | None] = {}
-        self._syntax: dict[tuple[Definition, bool, frozenset[str]], _Syntax] = {}
+        self._syntax: dict[tuple[Definition, _Reading], _Syntax] = {}
 
-    def hash(self, entries: Iterable[str], without: Iterable[str] = ()) -> str:
-        """Hash what ``entries`` reach: modules or definitions, as ``package.module`` or ``package.module:name``.
-
-        ``without`` is neither followed nor counted, nor what only it needs; it may name a method too, as
-        ``package.module:Class.method``. MuJoCo's XML files count where
-        definitions beside them do.
+    def hash(self, scope: Scope) -> str:
+        """Hash what a scope covers; MuJoCo's XML files count where definitions beside them do.
 
         Raises
         ------
         CodeError
-            There is no such entry.
+            The scope names what is not there.
         """
-        reached = self._reach(entries, without)
-        colours = _colours({definition: syntax for definition, syntax in reached.items()})
+        reached = self._reach(scope)
+        colours = _colours(reached)
         scenes = {scene for one in reached for scene in one.module.path.parent.glob("*.xml")}
-        described = sorted({*colours.values(), *(_digest(scene.read_bytes()) for scene in scenes)})
-        roots = [colours[definition] for entry in entries for definition in self._entry(entry)]
-        return _digest("\n".join([*roots, "", *described]).encode())
+        described = {*colours.values(), *(_digest(scene.read_bytes()) for scene in scenes)}
+        starts = [colours[one] for entry in scope.entries for one in self.find(entry)]
+        return _digest("\n".join([*starts, *sorted(described)]).encode())
 
-    def reached(self, entries: Iterable[str], without: Iterable[str] = ()) -> set[str]:
-        """Return what counts, as ``module:name`` (``module:`` for what a module does while being imported)."""
-        definitions = self._reach(entries, without)
-        return {f"{one.module.name}:{name}" for one in definitions for name in one.names or ("",)}
+    def reached(self, scope: Scope) -> set[str]:
+        """Return what counts, as ``module:name``; ``module:`` is what a module does while being imported."""
+        return {f"{one.module.name}:{name}" for one in self._reach(scope) for name in one.names or ("",)}
+
+    def find(self, path: str) -> list[Definition]:
+        """Return the definitions that ``module:name`` stands for (``module``: all of it).
+
+        Raises
+        ------
+        CodeError
+            It stands for nothing.
+        """
+        name, _, inside = path.partition(":")
+        wanted, _, method = inside.partition(".")
+        module = self.module(name)
+        found = [] if module is None else module.definitions.get(wanted, []) if wanted else module.everything
+        if method:
+            found = [one for one in found if method in {*map(_name, ast.walk(one.statements[0]))}]
+        if module is None or (wanted and not found):
+            raise CodeError(f"no {path} in {self.root}")
+        return found
 
     def module(self, name: str) -> _Module | None:
         """Return a module of the package, or None where there is none of that name."""
@@ -110,41 +151,23 @@ class CodeTree:
             self._modules[name] = _Module(self, name, path) if path and inside else None
         return self._modules[name]
 
-    def _entry(self, entry: str) -> list[Definition]:
-        name, _, path = entry.partition(":")
-        wanted, _, method = path.partition(".")
-        module = self.module(name)
-        found = [] if module is None else module.definitions.get(wanted, []) if wanted else module.everything
-        if method:
-            found = [
-                one
-                for one in found
-                for node in ast.walk(one.statements[0])
-                if getattr(node, "name", "") == method
-            ]
-        if not found:
-            raise CodeError(f"no {entry} in {self.root}")
-        return found
-
-    def _reach(self, entries: Iterable[str], without: Iterable[str]) -> Mapping[Definition, _Syntax]:
-        entries, cut = tuple(entries), frozenset(without)
-        for name in cut:
-            self._entry(name)
+    def _reach(self, scope: Scope) -> Mapping[Definition, _Syntax]:
+        for path in (*scope.without, *scope.data):
+            self.find(path)
         for raises in (False, True):
-            reached = _Walk(self, cut, raises).run([one for entry in entries for one in self._entry(entry)])
+            reached = _Walk(self, scope, raises).run()
             if not any(syntax.swallows for syntax in reached.values()):
                 break
         return reached
 
-    def syntax(self, definition: Definition, raises: bool, methods: frozenset[str]) -> _Syntax:
-        """Return a definition's syntax, with or without what it raises, without some methods."""
-        key = definition, raises, methods
-        if key not in self._syntax:
-            reader = _Reader(definition.module, raises, methods)
+    def syntax(self, definition: Definition, reading: _Reading) -> _Syntax:
+        """Return a definition's syntax, read in one way."""
+        if (definition, reading) not in self._syntax:
+            reader = _Reader(definition.module, reading)
             for statement in definition.statements:
                 reader.top(statement)
-            self._syntax[key] = reader.syntax
-        return self._syntax[key]
+            self._syntax[definition, reading] = reader.syntax
+        return self._syntax[definition, reading]
 
 
 class _Module:
@@ -198,20 +221,18 @@ class _Module:
         below = [f"{base}.{alias.name}" for alias in node.names]
         return [base, *(name for name in below if self.tree.module(name))]
 
-    def find(self, name: str) -> list[tuple[str, Definition] | _Module | _External]:
+    def find(self, name: str) -> list[_Meaning]:
         """Return what a name means in this module: definitions, modules, or things of other distributions."""
         if name in self.definitions:
             return [(name, one) for one in self.definitions[name]]
         below = self.tree.module(f"{self.name}.{name}")
-        found: list[tuple[str, Definition] | _Module | _External] = [below] if below else []
+        found: list[_Meaning] = [below] if below else []
         # A package that imports its own module under the module's name only says again what is there.
         return found + self.resolve(one for one in self.imports.get(name, ()) if one != (self.name, name))
 
-    def resolve(
-        self, targets: Iterable[tuple[str, str | None]]
-    ) -> list[tuple[str, Definition] | _Module | _External]:
+    def resolve(self, targets: Iterable[tuple[str, str | None]]) -> list[_Meaning]:
         """Return what the targets of import statements mean."""
-        found: list[tuple[str, Definition] | _Module | _External] = []
+        found: list[_Meaning] = []
         for base, attribute in targets:
             module = self.tree.module(base)
             if module is None:
@@ -240,7 +261,7 @@ class _Module:
             for found in self._meaning(expression.func if isinstance(expression, ast.Call) else expression)
         )
 
-    def _meaning(self, node: ast.expr) -> list[tuple[str, Definition] | _Module | _External]:
+    def _meaning(self, node: ast.expr) -> list[_Meaning]:
         if isinstance(node, ast.Name):
             return self.find(node.id)
         if isinstance(node, ast.Attribute):
@@ -262,21 +283,21 @@ class _Module:
 class _Walk:
     """One walk through the definitions, from where a run starts."""
 
-    def __init__(self, tree: CodeTree, cut: frozenset[str], raises: bool) -> None:
+    def __init__(self, tree: CodeTree, scope: Scope, raises: bool) -> None:
         self.tree, self.raises = tree, raises
-        self.cut = frozenset(name for name in cut if "." not in name.partition(":")[2])
-        self._methods = [name.partition(":") for name in cut - self.cut]
+        self.cut = {path for path in scope.without if "." not in path.partition(":")[2]}
+        self.methods = {path for path in scope.without if path not in self.cut}
+        self.data = {one for path in scope.data for one in tree.find(path)}
         self.found: dict[Definition, _Syntax] = {}
-        self._waiting: list[Definition] = []
+        self._waiting = [one for path in scope.entries for one in tree.find(path)]
         self._entered: set[str] = set()
 
-    def run(self, start: Iterable[Definition]) -> Mapping[Definition, _Syntax]:
-        self._waiting += start
+    def run(self) -> Mapping[Definition, _Syntax]:
         while self._waiting:
             definition = self._waiting.pop()
             if definition in self.found or self._is_cut(definition):
                 continue
-            syntax = self.found[definition] = self._without_cut(self._syntax(definition))
+            syntax = self.found[definition] = self._read(definition)
             self._waiting += [one for _, one in syntax.references]
             for name in (definition.module.name, *syntax.imports):
                 self._enter(name)
@@ -294,18 +315,16 @@ class _Walk:
             self._waiting += [one for one in module.effects if not self._calls_cut(one)]
             waiting += [name.rpartition(".")[0], *module.imported]
 
-    def _syntax(self, one: Definition) -> _Syntax:
-        here = (path.split(".") for module, _, path in self._methods if module == one.module.name)
-        methods = frozenset(method for name, method in here if name in one.names)
-        return self.tree.syntax(one, self.raises, methods)
+    def _read(self, one: Definition) -> _Syntax:
+        prefixes = tuple(f"{one.module.name}:{name}." for name in one.names)
+        methods = frozenset(path.rpartition(".")[2] for path in self.methods if path.startswith(prefixes))
+        syntax = self.tree.syntax(one, _Reading(self.raises, methods, one not in self.data))
+        kept = [(label, to) for label, to in syntax.references if not self._is_cut(to)]
+        return _Syntax(syntax.tokens, kept, syntax.imports, syntax.swallows)
 
     def _is_cut(self, one: Definition) -> bool:
         module = one.module.name
         return module in self.cut or any(f"{module}:{name}" in self.cut for name in one.names)
-
-    def _without_cut(self, syntax: _Syntax) -> _Syntax:
-        kept = [(label, one) for label, one in syntax.references if not self._is_cut(one)]
-        return _Syntax(syntax.tokens, kept, syntax.imports, syntax.swallows)
 
     def _calls_cut(self, one: Definition) -> bool:
         """Say whether something is only there to call what is cut: a decorated definition, or a bare call."""
@@ -328,26 +347,35 @@ class _Walk:
 class _Reader:
     """Turns a definition into tokens and references."""
 
-    def __init__(self, module: _Module, raises: bool, methods: frozenset[str]) -> None:
-        self.module, self.raises, self.methods = module, raises, methods
+    def __init__(self, module: _Module, reading: _Reading) -> None:
+        self.module, self.reading = module, reading
         self.syntax = _Syntax()
         self._local: dict[str, list[tuple[str, str | None]]] = {}
 
     def top(self, statement: ast.stmt) -> None:
         """Read a top-level statement, whose own name does not count."""
         if isinstance(statement, ast.ClassDef):
-            body = [one for one in statement.body if getattr(one, "name", None) not in self.methods]
-            statement = ast.ClassDef(**{**dict(ast.iter_fields(statement)), "body": body})
+            statement = self._cut(statement)
         for node in ast.walk(statement):
             if isinstance(node, _Import):
                 self.syntax.imports += self.module.note_imports(node, self._local)
         self._node(statement, skip={"name"} if isinstance(statement, _Documented) else set())
 
+    def _cut(self, statement: ast.ClassDef) -> ast.ClassDef:
+        """Return a class without what does not count; the types of fields are followed all the same."""
+        kept = [one for one in statement.body if _name(one) not in self.reading.without]
+        if not self.reading.fields:
+            fields = [one for one in kept if isinstance(one, ast.AnnAssign)]
+            for one in fields:
+                self._follow(one.annotation)
+            kept = [one for one in kept if one not in fields]
+        return ast.ClassDef(**{**dict(ast.iter_fields(statement)), "body": kept})
+
     def _node(self, node: ast.AST, skip: Iterable[str] = (), in_class: bool = False) -> None:
         tokens = self.syntax.tokens
         if isinstance(node, _Import) or self._resolved(node):
             return
-        if isinstance(node, ast.Raise) and not self.raises:
+        if isinstance(node, ast.Raise) and not self.reading.raises:
             tokens.append("(Raise)")
             return
         self.syntax.swallows |= self._swallows(node)
@@ -412,7 +440,7 @@ class _Reader:
             return not any(isinstance(one, _External) for one in self._meaning(kind.value))
         return not (isinstance(kind, ast.Name) and kind.id in _INTERRUPTS)
 
-    def _meaning(self, node: ast.AST) -> list[tuple[str, Definition] | _Module | _External]:
+    def _meaning(self, node: ast.AST) -> list[_Meaning]:
         if isinstance(node, ast.Name):
             return (
                 self.module.resolve(self._local[node.id])
@@ -498,6 +526,11 @@ def _hooks(found: object) -> bool:
     return isinstance(statement, ast.ClassDef) and "__init_subclass__" in {
         node.name for node in statement.body if isinstance(node, ast.FunctionDef)
     }
+
+
+def _name(node: ast.AST) -> str:
+    """Return the name of a function or class; of anything else, nothing."""
+    return node.name if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef) else ""
 
 
 def _is_string(node: object) -> bool:
