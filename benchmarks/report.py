@@ -16,7 +16,8 @@ from bgn.analysis import cells, figures, tables
 from bgn.analysis.cells import DomainRow
 from bgn.analysis.tables import Evidence
 from bgn.analysis.text_table import Grid
-from bgn.results.store import Store, write_bytes, write_parquet
+from bgn.results.atomic import write_bytes
+from bgn.results.store import Store, write_parquet
 
 #: Columns that the widest table needs.
 TABLE_WIDTH = 140

@@ -10,9 +10,10 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
 
 from bgn.results import provenance, schema
+from bgn.results.atomic import write_atomically
 from bgn.results.provenance import Origin
 from bgn.results.schema import Convention
-from bgn.results.store import Kind, Store, write_atomically
+from bgn.results.store import Kind, Store
 from bgn.training.cell import CellSpec, Progress, RunResult
 
 ProgressListener = Callable[[Progress], None]
