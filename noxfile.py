@@ -16,7 +16,7 @@ nox.options.sessions = ["lint", "tests"]
 
 ROOT = pathlib.Path(__file__).parent
 ENVIRONMENT = ROOT / ".nox" / "bgn"
-PROGRAMS = ENVIRONMENT / ("Scripts" if os.name == "nt" else "bin")
+PROGRAMS = ENVIRONMENT / "bin"
 
 
 @nox.session(venv_backend="none")
