@@ -13,10 +13,10 @@ from benchmarks.registry import Registry
 from benchmarks.tasks import CellTask, ReferenceSpec, ReferenceTask, Task
 from bgn import domains
 from bgn.domains import Domain, from_file
+from bgn.domains.episode_opening import CLEAN, HIDDEN, EpisodeOpening
 from bgn.results import provenance
 from bgn.results.provenance import Origin
 from bgn.results.run_ids import CellId, ReferenceId, RunId
-from bgn.results.schema import CLEAN, HIDDEN, Convention
 from bgn.results.store import Kind, Store
 from bgn.training.cell import CellSpec
 
@@ -153,12 +153,12 @@ class Selection:
         )
 
 
-def conventions(domain: Domain) -> tuple[Convention, ...]:
+def conventions(domain: Domain) -> tuple[EpisodeOpening, ...]:
     """Return how episodes of a domain may open."""
     return (CLEAN, HIDDEN) if domain.hidden_first_action else (CLEAN,)
 
 
-def opening(domain: Domain) -> Convention:
+def opening(domain: Domain) -> EpisodeOpening:
     """Return how the episodes of agents open."""
     return conventions(domain)[-1]
 

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
 
 from bgn.domains import from_file
+from bgn.domains.episode_opening import EpisodeOpening
 from bgn.domains.from_file import FileDomain
 from bgn.results import provenance, schema
 from bgn.results.atomic import write_atomically
 from bgn.results.provenance import Origin
 from bgn.results.run_ids import CellId, ReferenceId, RunId
-from bgn.results.schema import Convention
 from bgn.results.store import Kind, Store
 from bgn.training.cell import CellSpec, Progress, RunResult
 
@@ -64,7 +64,7 @@ class ReferenceSpec:
 
     domain: str
     reference: str
-    convention: Convention
+    convention: EpisodeOpening
     episodes: int
     planning_backups: int
     planning_seconds: float

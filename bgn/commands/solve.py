@@ -11,10 +11,10 @@ from rich.console import Console
 from rich.live import Live
 
 from bgn.commands.parsing import INTERRUPTED, Commands
-from bgn.commands.planning import add_model, load_model, print_values
-from bgn.planning import policy_file
+from bgn.commands.planning import add_model, load_domain, print_values
 from bgn.planning.appl import solve_with_appl
 from bgn.planning.sarsop import PlanningError, Progress, Solution, solve, warm_up
+from bgn.policies import alpha_file
 from bgn.pomdp.model import MOMDP
 
 _PLAIN_SECONDS = 5.0  # between progress lines where there is no terminal
@@ -39,7 +39,7 @@ def add_solve(commands: Commands) -> None:
 
 
 def _solve(options: argparse.Namespace) -> int:
-    model, _ = load_model(options.model)
+    model = load_domain(options.model).model
     if options.policy is not None and not options.policy.absolute().parent.is_dir():
         raise PlanningError(f"{options.policy}: there is no folder {options.policy.absolute().parent}")
     if options.solver == "appl":
@@ -56,7 +56,7 @@ def _solve(options: argparse.Namespace) -> int:
                 on_progress=report,
             )
     if options.policy is not None:
-        policy_file.save(solution.policy, options.policy, model=Path(options.model).name)
+        alpha_file.save(solution.policy, options.policy, model=Path(options.model).name)
     _print_solution(solution, options)
     return INTERRUPTED if solution.reason == "interrupted" else 0
 

@@ -6,7 +6,7 @@ A policy is trained on tables that were compiled from this physics; here it acts
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol, TypedDict
+from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,20 +16,9 @@ from bgn.domains.domain import Domain
 from bgn.errors import InputError
 from bgn.physics.tasks import Step, Task, draw_start, task_of
 from bgn.simulation.belief_rules import next_belief, start_belief
+from bgn.simulation.policy import Policy
 
 Floats = NDArray[np.float64]
-
-
-class Policy(Protocol):
-    """Anything that acts on the history alone."""
-
-    def reset(self, generator: np.random.Generator | None = None) -> None:
-        """Forget the history: a new episode begins, in which a policy that samples uses ``generator``."""
-        ...
-
-    def act(self, observation: int, last_action: int | None) -> int:
-        """Return the next action after an observation and the action before it, if there was one."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,14 +45,6 @@ class Evaluation(TypedDict):
     success_se: float
     length: float
     episodes: int
-
-
-class Comparison(TypedDict):
-    """Result of :func:`compare_with_table`."""
-
-    steps: int
-    violations: int
-    pairs: int
 
 
 class PhysicsWorld:
@@ -171,43 +152,8 @@ def play(domain: Domain, task: Task, policy: Policy, rng: np.random.Generator) -
     return False, domain.episode_limit
 
 
-def compare_with_table(
-    domain_id: str, steps: int, seed: int, **variant: str | int | float | bool
-) -> Comparison:
-    """Replay random physics steps against the table; violations count steps of another x', end or reward.
-
-    ``pairs`` is how many different (x, y, action) were visited.
-    """
-    domain = domains.get(domain_id, **variant)
-    task, rng = PhysicsWorld(domain).task, np.random.default_rng(seed)
-    joint, Y = domain.model.joint, domain.model.n_hidden
-    violations, visited = 0, set()
-    step, y, length = Step(0, ended=True), 0, 0
-    for _ in range(steps):
-        if step.ended or length == domain.episode_limit:
-            x, y = draw_start(domain, rng)
-            step, length = task.reset(x, y), 0
-        s, action = step.x * Y + y, _random_action(joint.n_actions, rng)
-        visited.add((s, action))
-        step, length = task.act(action), length + 1
-        expected = Step(
-            x=step.x if joint.reset[action, s] else int(joint.transitions[action].indices[s]) // Y,
-            ended=bool(joint.reset[action, s]),
-            success=bool(joint.expected_rewards[action, s] == 1),
-        )
-        violations += step != expected
-    return Comparison(steps=steps, violations=violations, pairs=len(visited))
-
-
 def observations(domain: Domain) -> NDArray[np.integer[Any]]:
     """Return the observation of each x, shape (X,); a robot domain's depends on nothing else."""
     rows = domain.model.joint.observations[0].indices  # one per joint state
     seen: NDArray[np.integer[Any]] = rows[:: domain.model.n_hidden]
     return seen
-
-
-def _random_action(n_actions: int, rng: np.random.Generator) -> int:
-    """Draw an action, the last one (a grasp, or a stiff move) rarely, so that episodes go deep."""
-    weights = np.ones(n_actions)
-    weights[-1] = 0.2
-    return int(rng.choice(n_actions, p=weights / weights.sum()))

@@ -6,14 +6,15 @@ import math
 from functools import lru_cache
 
 from bgn.domains import Domain
+from bgn.domains.episode_opening import CLEAN, EpisodeOpening
 from bgn.errors import InputError
-from bgn.planning.alpha_vectors import AlphaVectors
-from bgn.planning.compiled import compile_model
 from bgn.planning.deterministic import solve_deterministic
-from bgn.planning.episodic import Convention, start_beliefs
 from bgn.planning.evaluate import evaluate
-from bgn.planning.policies import Policy, UniformRandom, always, informed, qmdp
+from bgn.planning.heuristics import always, informed, qmdp
 from bgn.planning.sarsop import solve
+from bgn.policies.alpha_vectors import AlphaVectorPolicy, AlphaVectors
+from bgn.policies.uniform import RandomPolicy
+from bgn.simulation.policy import Policy
 
 #: A solve stops when the bounds are this close, if time allows.
 PRECISION = 1e-3
@@ -32,7 +33,7 @@ def evaluate_reference(
     *,
     episodes: int,
     seed: int,
-    convention: Convention = "clean",
+    convention: EpisodeOpening = CLEAN,
     backups: int = 10_000,
     timeout: float = 600.0,
 ) -> dict[str, float]:
@@ -63,12 +64,11 @@ def evaluate_reference(
         return _perfect(domain)
     policy, metrics = _plan(reference_id, domain, convention, backups, timeout)
     outcome = evaluate(
-        domain.model,
+        domain,
         policy,
         episodes=episodes,
         seed=seed,
         convention=convention,
-        limit=domain.episode_limit,
         discount=domain.report_discount,
     )
     return {
@@ -99,23 +99,25 @@ def _perfect(domain: Domain) -> dict[str, float]:
 
 
 def _plan(
-    reference_id: str, domain: Domain, convention: Convention, backups: int, timeout: float
+    reference_id: str, domain: Domain, convention: EpisodeOpening, backups: int, timeout: float
 ) -> tuple[Policy, dict[str, float]]:
     """Return a reference policy and what planning it said."""
     model = domain.model
     if reference_id == "random":
-        return UniformRandom(), {}
-    if reference_id == "drive-east":
-        return always(model.joint, _DRIVE_EAST), {}
+        return RandomPolicy(domain), {}
+    metrics: dict[str, float] = {}
     if reference_id == "sarsop":
-        return _solve(domain, convention, backups, timeout)
-    compiled = compile_model(model.joint, start_beliefs(model, convention))
-    return (qmdp if reference_id == "qmdp" else informed)(model.joint, compiled), {}
+        alpha, metrics = _solve(domain, convention, backups, timeout)
+    elif reference_id == "drive-east":
+        alpha = always(model.joint, _DRIVE_EAST)
+    else:
+        alpha = (qmdp if reference_id == "qmdp" else informed)(model, convention)
+    return AlphaVectorPolicy(alpha, domain), metrics
 
 
 @lru_cache(maxsize=8)
 def _solve(
-    domain: Domain, convention: Convention, backups: int, timeout: float
+    domain: Domain, convention: EpisodeOpening, backups: int, timeout: float
 ) -> tuple[AlphaVectors, dict[str, float]]:
     solution = solve(
         domain.model, precision=PRECISION, backups=backups, timeout=timeout, convention=convention

@@ -18,12 +18,13 @@ from typing import Any, Literal
 import numpy as np
 from scipy import sparse
 
+from bgn.domains.episode_opening import CLEAN, EpisodeOpening
 from bgn.errors import BgnError
 from bgn.planning import _kernels as kernels
-from bgn.planning.alpha_vectors import AlphaVectors
 from bgn.planning.bounds import blind_policies, fast_informed, value_scale
 from bgn.planning.compiled import CompiledModel, Ints, compile_model, restrict
-from bgn.planning.episodic import Convention, start_beliefs
+from bgn.planning.episodic import start_beliefs
+from bgn.policies.alpha_vectors import AlphaVectors
 from bgn.pomdp.model import MOMDP, POMDP
 
 #: A trial aims to close the gap to this share of what it is.
@@ -76,11 +77,11 @@ class Sarsop:
         The model's discount is 1: bounds need rewards that fade.
     """
 
-    def __init__(self, model: POMDP | MOMDP, convention: Convention = "clean") -> None:
+    def __init__(self, model: POMDP | MOMDP, convention: EpisodeOpening = CLEAN) -> None:
         warm_up()
         self._begin(model, convention)
 
-    def _begin(self, model: POMDP | MOMDP, convention: Convention) -> None:
+    def _begin(self, model: POMDP | MOMDP, convention: EpisodeOpening) -> None:
         self._began = time.process_time()
         self._joint = model.joint if isinstance(model, MOMDP) else model
         if self._joint.discount >= 1:
@@ -246,7 +247,7 @@ def warm_up() -> None:
         observation_names=("either", "or"),
     )
     search = Sarsop.__new__(Sarsop)
-    search._begin(guess, "clean")
+    search._begin(guess, CLEAN)
     for _ in search.trials(1e-3):
         pass
     search._prune_alphas()
@@ -274,7 +275,7 @@ def solve(
     precision: float,
     timeout: float,
     backups: int | None = None,
-    convention: Convention = "clean",
+    convention: EpisodeOpening = CLEAN,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> Solution:
     """Search until the bounds are within ``precision`` of each other.

@@ -18,7 +18,7 @@ from bgn import domains
 from bgn.agents.networks import AgentNetworks
 from bgn.agents.specs import agent
 from bgn.errors import BgnError
-from bgn.policies.saved import Policy
+from bgn.policies.saved import NetworkPolicy
 from bgn.training import checkpoint as checkpoints
 from bgn.training.cell import CellSpec, Progress, RunResult
 from bgn.training.evaluation import evaluate
@@ -178,7 +178,7 @@ class _Stack:
         from bgn.physics.world import evaluate_in_physics
 
         settings = self.spec.hyperparameters
-        policy = Policy(tensors, self.domain, self.spec.agent, settings, greedy=False)
+        policy = NetworkPolicy(tensors, self.domain, self.spec.agent, settings, greedy=False)
         result = evaluate_in_physics(self.spec.domain, policy, episodes, seed, **self.spec.variant)
         return {
             "physics_success": result["success"],

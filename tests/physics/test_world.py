@@ -9,12 +9,46 @@ import pytest
 
 from bgn import domains
 from bgn.domains import two_bumps_1d, two_bumps_2d
-from bgn.physics.tasks import task_of
-from bgn.physics.world import PhysicsWorld, compare_with_table, evaluate_in_physics, play
-from bgn.policies.scripted import RandomPolicy, scripted_policy
+from bgn.physics.tasks import Step, draw_start, task_of
+from bgn.physics.world import PhysicsWorld, evaluate_in_physics, play
+from bgn.policies.scripted import scripted_policy
+from bgn.policies.uniform import RandomPolicy
 from tests.domains._definitions import definition
 
 ROBOTS = ("top-plate", "two-bumps-1d", "two-bumps-2d")
+
+
+def compare_with_table(domain_id, steps, seed, **variant):
+    """Replay random physics steps against the table; violations count steps of another x', end or reward.
+
+    ``pairs`` is how many different (x, y, action) were visited.
+    """
+    domain = domains.get(domain_id, **variant)
+    task, rng = PhysicsWorld(domain).task, np.random.default_rng(seed)
+    joint, Y = domain.model.joint, domain.model.n_hidden
+    violations, visited = 0, set()
+    step, y, length = Step(0, ended=True), 0, 0
+    for _ in range(steps):
+        if step.ended or length == domain.episode_limit:
+            x, y = draw_start(domain, rng)
+            step, length = task.reset(x, y), 0
+        s, action = step.x * Y + y, _random_action(joint.n_actions, rng)
+        visited.add((s, action))
+        step, length = task.act(action), length + 1
+        expected = Step(
+            x=step.x if joint.reset[action, s] else int(joint.transitions[action].indices[s]) // Y,
+            ended=bool(joint.reset[action, s]),
+            success=bool(joint.expected_rewards[action, s] == 1),
+        )
+        violations += step != expected
+    return {"steps": steps, "violations": violations, "pairs": len(visited)}
+
+
+def _random_action(n_actions, rng):
+    """Draw an action, the last one (a grasp, or a stiff move) rarely, so that episodes go deep."""
+    weights = np.ones(n_actions)
+    weights[-1] = 0.2
+    return int(rng.choice(n_actions, p=weights / weights.sum()))
 
 
 @pytest.mark.parametrize("name", ROBOTS)

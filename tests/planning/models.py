@@ -5,6 +5,7 @@ import math
 import numpy as np
 from scipy import sparse
 
+from bgn.domains.domain import Domain
 from bgn.pomdp.model import MOMDP, POMDP
 
 
@@ -124,3 +125,28 @@ def slotted_aloha(n=10, *, actions=9, arrivals=0.9, discount=0.999):
         start=np.eye(3 * n)[0],
         discount=discount,
     )
+
+
+def domain_of(model, limit=100):
+    """Return a domain of a bare model, whose episodes may open either way if it shows no x."""
+    mixed = model if isinstance(model, MOMDP) else MOMDP(model)
+    return Domain(
+        id="model",
+        title="Model",
+        family="classic",
+        model=mixed,
+        episode_limit=limit,
+        training_discount=mixed.joint.discount,
+        report_discount=mixed.joint.discount,
+        hidden_first_action=mixed.n_observed == 1,
+    )
+
+
+def best_action(alpha, belief):
+    """Return the action of the vector that is the best at a belief."""
+    return int(alpha.actions[(alpha.vectors @ belief).argmax()])
+
+
+def value(alpha, belief):
+    """Return what the best vector promises at a belief."""
+    return float((alpha.vectors @ belief).max())
