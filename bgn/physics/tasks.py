@@ -61,9 +61,11 @@ class TopPlateTask:
         """Move or grasp."""
         if action != top_plate.GRASP:
             return Step(self.scene.act(action).reading)
-        level, angle = divmod(self.scene.outcome.reading, top_plate.BINS)
+        level, angle = divmod(self.scene.measurement.reading, top_plate.BINS)
         touches = angle != top_plate.NEUTRAL
-        return Step(self.scene.outcome.reading, ended=True, success=touches and level == self.scene.hidden)
+        return Step(
+            self.scene.measurement.reading, ended=True, success=touches and level == self.scene.hidden
+        )
 
 
 class TwoBumps1DTask:
@@ -78,9 +80,9 @@ class TwoBumps1DTask:
 
     def act(self, action: int) -> Step:
         """Move softly or stiffly."""
-        outcome = self.scene.act(action)
-        success = outcome.pushed == two_bumps_1d.RIGHT_BUMP_RIGHT
-        return Step(outcome.reading, ended=outcome.pushed != 0, success=success)
+        measurement = self.scene.act(action)
+        success = measurement.pushed == two_bumps_1d.RIGHT_BUMP_RIGHT
+        return Step(measurement.reading, ended=measurement.pushed != 0, success=success)
 
 
 class TwoBumps2DTask:
@@ -100,9 +102,9 @@ class TwoBumps2DTask:
         """Move or grasp."""
         if action != two_bumps_2d.GRASP:
             return self._step(self.scene.act(action).reading)
-        size = abs(self.scene.outcome.reading % two_bumps_2d.BINS - two_bumps_2d.NEUTRAL)
+        size = abs(self.scene.measurement.reading % two_bumps_2d.BINS - two_bumps_2d.NEUTRAL)
         success = size == 2 and self._felt == two_bumps_2d.FLAGS - 1
-        return Step(self._step(self.scene.outcome.reading).x, ended=True, success=success)
+        return Step(self._step(self.scene.measurement.reading).x, ended=True, success=success)
 
     def _step(self, reading: int) -> Step:
         size = abs(reading % two_bumps_2d.BINS - two_bumps_2d.NEUTRAL)

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from bgn.domains.top_plate import BINS, DOWN, GRASP, PLATES
-from bgn.physics.scene import HERE, SOFT, Outcome, Scene, contact_angle
+from bgn.physics.scene import HERE, SOFT, Measurement, Scene, contact_angle
 
 PITCH: Final = 0.08
 HINGE_DISTANCE: Final = 0.219  # from the stack's axis
@@ -56,17 +56,17 @@ class TopPlateScene(Scene):
         """Return the level below the stack."""
         return [0]
 
-    def act(self, action: int) -> Outcome:
+    def act(self, action: int) -> Measurement:
         """Move one level down or up with a soft finger."""
         direction = -1 if action == DOWN else 1
         (level,) = self._measured_coordinates()
         if not 0 <= level + direction <= self.top:
-            return self.outcome
+            return self.measurement
         self._move(0, direction, SOFT)
         (level,), angle = self._measured_coordinates(), self._angle(0)
         reading = level * BINS + self._bin(angle)
-        self.outcome = Outcome(reading, angle, margin=self._angle_margin(angle))
-        return self.outcome
+        self.measurement = Measurement(reading, angle, margin=self._angle_margin(angle))
+        return self.measurement
 
     def _place(self, hidden: int) -> None:
         for level, geom in enumerate(self._plates, start=1):

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from bgn.domains.two_bumps_2d import BINS, CELLS, GRASP, PAIRS, SIDE
-from bgn.physics.scene import HERE, SOFT, Outcome, Scene, contact_angle
+from bgn.physics.scene import HERE, SOFT, Measurement, Scene, contact_angle
 
 PITCH: Final = 0.16
 HINGE_HEIGHT: Final = 0.156
@@ -48,17 +48,17 @@ class TwoBumps2DScene(Scene):
         """Return all cells beside the bumps."""
         return [cell for cell in range(CELLS) if cell not in PAIRS[hidden]]
 
-    def act(self, action: int) -> Outcome:
+    def act(self, action: int) -> Measurement:
         """Move one cell with a soft finger; the angle read is the one along the motion."""
         axis, direction = STEPS[action]
         if not 0 <= self._measured_coordinates()[axis] + direction < SIDE:
-            return self.outcome
+            return self.measurement
         self._move(axis, direction, SOFT)
         column, row = self._measured_coordinates()
         angle = self._angle(axis)
         reading = (row * SIDE + column) * BINS + self._bin(angle)
-        self.outcome = Outcome(reading, angle, margin=self._angle_margin(angle))
-        return self.outcome
+        self.measurement = Measurement(reading, angle, margin=self._angle_margin(angle))
+        return self.measurement
 
     def _place(self, hidden: int) -> None:
         for bump, cell in enumerate(PAIRS[hidden]):
