@@ -16,6 +16,8 @@ from functools import partial
 from pathlib import Path
 
 import torch
+from bgn.training.executor import Executor
+from bgn.training.learner import Learner
 
 from benchmarks import registry
 from bgn import domains, pomdp
@@ -23,8 +25,6 @@ from bgn.agents.hyperparameters import Hyperparameters
 from bgn.agents.specs import AGENTS
 from bgn.domains.domain import Domain
 from bgn.simulation.table_world import START_VARIATES, STEP_VARIATES, TableWorld
-from bgn.training.executor import Executor
-from bgn.training.learner import Learner
 
 #: Seeds stacked in a measured cell: those of the ``laptop`` budget.
 SEEDS = (0, 1, 2)

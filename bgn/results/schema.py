@@ -87,18 +87,8 @@ RUN_METRICS = (
 #: Metrics every finished reference row has.
 REFERENCE_METRICS = ("return", "return_se", "return_sd")
 
-#: Columns of a learning curve, after ``run`` and ``key``.
-CURVE_COLUMNS = (
-    "env_steps",
-    "return_100",
-    "success_100",
-    "episodes",
-    "entropy",
-    "actor_loss",
-    "critic_loss",
-    "belief_cross_entropy",
-    "seconds",
-)
+#: Columns that every learning curve has, after ``run`` and ``key``; the algorithm's losses are further ones.
+CURVE_COLUMNS = ("env_steps", "return_100", "success_100", "episodes", "seconds")
 
 
 class SchemaError(BgnError, ValueError):
@@ -138,7 +128,7 @@ def curve_table(run: str, key: str, curve: pd.DataFrame) -> pa.Table:
     missing = [name for name in CURVE_COLUMNS if name not in curve.columns]
     if missing:
         raise SchemaError(f"the curve of {run} has no {', '.join(missing)}")
-    identified = curve[list(CURVE_COLUMNS)].copy()
+    identified = curve.copy()
     identified.insert(0, "run", run)
     identified.insert(1, "key", key)
     return pa.Table.from_pandas(identified, preserve_index=False)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from bgn.agents.hyperparameters import Hyperparameters
+from bgn.agents.hyperparameters import CommonHyperparameters
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -21,8 +21,8 @@ class CellSpec:
     """Domain id, see :func:`bgn.domains.get`."""
     agent: str
     """Agent id, see :data:`bgn.agents.specs.AGENTS`."""
-    hyperparameters: Hyperparameters
-    """The settings of one preset for this cell."""
+    hyperparameters: CommonHyperparameters
+    """The settings of one preset for this cell; their type says which algorithm trains it."""
     env_steps: int
     """Environment steps a run trains for, over all its lanes."""
     evaluation_episodes: int = 1000
@@ -40,8 +40,8 @@ class RunResult:
     seed: int
     curve: pd.DataFrame
     """Columns env_steps, return_100 and success_100 (means over the last 100 training episodes, the return
-    discounted as the domain reports it), episodes, entropy, actor_loss, critic_loss, belief_cross_entropy
-    (actor's head, nats; NaN without one), seconds."""
+    discounted as the domain reports it), episodes, what the algorithm reports (A2C: entropy, actor_loss,
+    critic_loss and belief_cross_entropy of the actor's head in nats, NaN without one), seconds."""
     metrics: Mapping[str, float]
     """``train_return``/``train_success`` (last point of the curve); ``sampled_*`` and ``greedy_*``, each with
     return, return_se, return_sd, success, success_se, length (of the fixed evaluation), and belief_kl of a

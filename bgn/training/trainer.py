@@ -22,8 +22,8 @@ from bgn.policies.saved import Policy
 from bgn.training import checkpoint as checkpoints
 from bgn.training.cell import CellSpec, Progress, RunResult
 from bgn.training.evaluation import evaluate
-from bgn.training.executor import Executor, own_stream
-from bgn.training.learner import Learner
+from bgn.training.learners import make_learner
+from bgn.training.update_runner import UpdateRunner, own_stream
 
 #: Points of a curve: half of them spaced evenly, half by powers, so that the start is dense.
 CURVE_POINTS = 240
@@ -85,10 +85,10 @@ class _Stack:
         self.spec, self.seeds, self.checkpoint, self.on_progress = spec, seeds, checkpoint, on_progress
         self.domain = domains.get(spec.domain, **spec.variant)
         settings = spec.hyperparameters
-        self.learner = Learner(agent(spec.agent), self.domain, settings, seeds, device)
-        self.steps_per_update = settings.lanes * settings.rollout
+        self.learner = make_learner(agent(spec.agent), self.domain, settings, seeds, device)
+        self.steps_per_update = self.learner.shape.lanes * self.learner.shape.steps
         self.updates = math.ceil(spec.env_steps / self.steps_per_update)
-        self.executor = Executor(self.learner, self.updates)
+        self.runner = UpdateRunner(self.learner, self.updates, tf32=settings.tf32)
         self.curves: list[list[dict[str, float]]] = [[] for _ in seeds]
         self.done = 0
         self.wall_seconds = self.cpu_seconds = 0.0
@@ -103,7 +103,7 @@ class _Stack:
         points = curve_points(self.updates)
         clock, saved, reported = _Clock(self), time.monotonic(), 0.0
         while self.done < self.updates:
-            self.executor.update(self.done)
+            self.runner.update(self.done)
             self.done += 1
             if self.done in points:
                 clock.tick()

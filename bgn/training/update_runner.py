@@ -7,9 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import torch
-from torch import Tensor
 
-from bgn.training.learner import VARIATES, Learner
+from bgn.training.learners.protocol import Learner
 from bgn.training.random_streams import Purpose, RandomStreams
 
 #: Updates whose random numbers are drawn at once.
@@ -30,35 +29,35 @@ def own_stream(device: torch.device) -> Iterator[None]:
         yield
 
 
-class Executor:
+class UpdateRunner:
     """Runs the updates of one learner, in order or from where a checkpoint left off."""
 
-    def __init__(self, learner: Learner, total_updates: int) -> None:
-        self.learner = learner
-        device = learner.world.device
+    def __init__(self, learner: Learner, total_updates: int, *, tf32: bool = False) -> None:
+        self.learner, self.shape = learner, learner.shape
+        device = learner.device
         self._streams = RandomStreams(learner.seeds, Purpose.TRAINING, device)
         self._block_index = -1
-        self._weights = entropy_weights(learner, total_updates).to(device)
-        settings = learner.settings
-        self._variates = torch.zeros(settings.rollout, learner.world.lanes, VARIATES, device=device)
-        self._weight = torch.zeros((), device=device)
+        self._schedule = learner.schedule(total_updates).to(device)
+        steps, lanes, width = self.shape
+        self._variates = torch.zeros(steps, len(learner.seeds) * lanes, width, device=device)
+        self._scheduled = torch.zeros_like(self._schedule[0])
         self._graph: torch.cuda.CUDAGraph | None = None
         if device.type == "cuda":
-            torch.backends.cuda.matmul.allow_tf32 = settings.tf32
+            torch.backends.cuda.matmul.allow_tf32 = tf32
 
     def update(self, index: int) -> None:
         """Run update ``index`` of the run."""
-        steps = self.learner.settings.rollout
+        steps, lanes, width = self.shape
         block, place = divmod(index, BLOCK)
         if block != self._block_index:
-            self._block = self._streams.block(block, BLOCK * steps, self.learner.settings.lanes, VARIATES)
+            self._block = self._streams.block(block, BLOCK * steps, lanes, width)
             self._block_index = block
         self._variates.copy_(self._block[place * steps : (place + 1) * steps])
-        self._weight.copy_(self._weights[index])
-        if self.learner.world.device.type == "cuda":
+        self._scheduled.copy_(self._schedule[index])
+        if self.learner.device.type == "cuda":
             self._replay()
         else:
-            self.learner.update(self._variates, self._weight)
+            self.learner.update(self._variates, self._scheduled)
 
     def _replay(self) -> None:
         if self._graph is None:
@@ -74,18 +73,10 @@ class Executor:
             stream.wait_stream(torch.cuda.current_stream())
             with torch.cuda.stream(stream):
                 for _ in range(WARM_UP):
-                    self.learner.update(self._variates, self._weight)
+                    self.learner.update(self._variates, self._scheduled)
             torch.cuda.current_stream().wait_stream(stream)
             # Thread-local: what cells in other threads do meanwhile must not spoil the capture.
             with torch.cuda.graph(graph, stream=stream, capture_error_mode="thread_local"):
-                self.learner.update(self._variates, self._weight)
+                self.learner.update(self._variates, self._scheduled)
         self.learner.load_state(before)
         return graph
-
-
-def entropy_weights(learner: Learner, total_updates: int) -> Tensor:
-    """β_e of every update: exponential from start to end in the fraction of the run done (Table 2)."""
-    settings = learner.settings
-    fraction = torch.arange(total_updates, dtype=torch.float64) / max(1, total_updates)
-    ratio = settings.entropy_weight_end / settings.entropy_weight_start
-    return (settings.entropy_weight_start * ratio**fraction).float()

@@ -87,7 +87,7 @@ def test_scenes_beside_a_module_count(tmp_path: pathlib.Path) -> None:
 def test_what_a_training_run_depends_on() -> None:
     root = pathlib.Path(bgn.__file__).parents[1]
     modules = set(provenance._closure(provenance.TRAINING_CODE, provenance.PHYSICS_CODE, root))
-    assert {"bgn.agents.a2c", "bgn.training.learner", "bgn.simulation.table_world"} <= modules
+    assert {"bgn.agents.a2c", "bgn.training.learners.a2c", "bgn.simulation.table_world"} <= modules
     unrelated = (
         "bgn.results",
         "bgn.planning",

@@ -9,7 +9,7 @@ import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from bgn.agents.specs import AGENTS
-from bgn.training.learner import VARIATES
+from bgn.training.learners.a2c import VARIATES
 from bgn.training.random_streams import Purpose, RandomStreams
 from tests.training._stacks import CPU, learner
 

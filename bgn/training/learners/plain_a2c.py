@@ -1,15 +1,16 @@
-"""The straightforward implementation of the benchmark's training: what speeds are compared with.
+"""A2C as one would write it down: the readable specification that the fast learner is held to.
 
-The same algorithm as :mod:`bgn.training`, written the obvious way: ``torch.nn`` modules and autograd, one
-environment at a time in Python, Eq. 1 as a dense product, a second forward pass over the rollout for
-training, one seed. It is also the readable specification of that algorithm: the tests hold the fast learner's
-losses, gradients and parameters to this one's. Classic domains only, the time limit's default rule only.
+``torch.nn`` modules and autograd, one environment at a time in Python, Eq. 1 as a dense product, a second
+forward pass over the rollout for training, one seed after another. It takes the same random numbers as
+:class:`bgn.training.learners.a2c.A2CLearner` and starts from the same parameters, so the tests ask for the same
+runs, and speeds are compared with it. CPU, classic domains and the time limit's default rule only.
 
 Shapes: T steps, L lanes, S states, A actions, H = 256.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -18,19 +19,88 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from bgn.agents.hyperparameters import Hyperparameters
+from bgn.agents.layers import EMBEDDING, HIDDEN
+from bgn.agents.networks import FEEDFORWARD_LAYERS, AgentNetworks
 from bgn.agents.specs import AgentSpec, InputKind
 from bgn.domains.domain import Domain
+from bgn.errors import InputError
+from bgn.training.learners.a2c import LOSSES, VARIATES, entropy_weights
+from bgn.training.learners.protocol import UpdateShape
+from bgn.training.random_streams import Purpose, RandomStreams
+from bgn.training.recorder import Recorder
 
-HIDDEN, EMBEDDING = 256, 128
-POLICY_GAIN, GAIN = 0.01, 2**0.5
+Floats = NDArray[np.float64]
+
+
+class PlainA2CLearner:
+    """Runs that differ only in their seed, one after another; a :class:`~bgn.training.learners.protocol.Learner`."""
+
+    def __init__(
+        self,
+        spec: AgentSpec,
+        domain: Domain,
+        settings: Hyperparameters,
+        seeds: tuple[int, ...],
+        device: torch.device,
+    ) -> None:
+        if domain.family != "classic" or device.type != "cpu":
+            raise InputError(
+                f"plain A2C knows classic domains on the CPU only, not {domain.id!r} on {device}"
+            )
+        if settings.time_limit != "zero-advantage" or settings.stale_reset_info:
+            raise InputError("plain A2C knows the zero-advantage rule and current reset infos only")
+        self.spec, self.domain, self.settings, self.seeds = spec, domain, settings, seeds
+        self.device = device
+        self.shape = UpdateShape(settings.rollout, settings.lanes, VARIATES)
+        self.recorder = Recorder(len(seeds), settings.lanes, domain.report_discount, LOSSES, device)
+        self.runs = [Run(spec, Tables(domain), settings, seed) for seed in seeds]
+
+    def schedule(self, total_updates: int) -> Tensor:
+        """Return β_e of every update."""
+        return entropy_weights(self.settings, total_updates)
+
+    def update(self, variates: Tensor, entropy_weight: Tensor) -> None:
+        """Act for T steps with ``variates`` (T, S*L, 7), then take one gradient step, in each run."""
+        of_runs = variates.unflatten(1, (len(self.runs), -1)).unbind(1)
+        rollouts, losses = [], []
+        for run, numbers in zip(self.runs, of_runs, strict=True):
+            rollouts.append(run.collect(numbers.numpy()))
+            parts = run.losses(rollouts[-1], float(entropy_weight))
+            run.learn(parts)
+            unknown = torch.tensor(torch.nan)
+            cross_entropy = unknown if parts.cross_entropy is None else parts.cross_entropy
+            losses.append(torch.stack((parts.entropy, parts.policy, parts.critic, cross_entropy)).detach())
+        rewards = torch.stack([rollout.earned for rollout in rollouts])
+        done = torch.stack([rollout.ended | rollout.truncated for rollout in rollouts])
+        self.recorder.record(rewards, done, torch.stack(losses))
+
+    def state(self) -> Mapping[str, Tensor]:
+        """Return all tensors that the rest of the runs depends on."""
+        state = {f"recorder.{name}": tensor for name, tensor in self.recorder.state().items()}
+        for i, run in enumerate(self.runs):
+            state |= {f"{i}.{name}": tensor for name, tensor in run.state().items()}
+        return state
+
+    def load_state(self, state: Mapping[str, Tensor]) -> None:
+        """Go on from what :meth:`state` returned in an equal learner."""
+        for name, tensor in self.recorder.state().items():
+            tensor.copy_(state[f"recorder.{name}"])
+        for i, run in enumerate(self.runs):
+            own = {name.removeprefix(f"{i}."): t for name, t in state.items() if name.startswith(f"{i}.")}
+            run.load_state(own)
+
+    def networks_of(self, row: int) -> AgentNetworks:
+        """Copy one seed's networks out of its run."""
+        networks = AgentNetworks(self.spec, self.domain, self.settings, (self.seeds[row],), self.device)
+        for theirs, ours in self.runs[row].agent.pairs(networks):
+            theirs.copy_(ours)
+        return networks
 
 
 class Tables:
     """A domain's dense arrays, shared by all lanes."""
 
     def __init__(self, domain: Domain) -> None:
-        if domain.family != "classic":
-            raise ValueError(f"the baseline knows classic domains only, not {domain.id!r}")
         self.domain = domain
         self.T, self.O, self.R = domain.model.joint.dense()
         self.reset = domain.model.joint.reset
@@ -39,48 +109,62 @@ class Tables:
 
 
 class Environment:
-    """One lane. ``belief`` follows Eq. 1 if ``track_belief``."""
+    """One lane. ``belief`` follows Eq. 1 if ``track_belief``.
+
+    Numbers on [0, 1) choose by inversion: ``opening`` (4,) picks a state, the hidden first action, where it leads and
+    what it shows; a step's (2,) pick where it leads and what is seen there.
+    """
 
     def __init__(
-        self, tables: Tables, rng: np.random.Generator, *, hidden_first_action: bool, track_belief: bool
+        self, tables: Tables, opening: Floats, *, hidden_first_action: bool, track_belief: bool
     ) -> None:
-        self.tables, self.rng = tables, rng
+        self.tables = tables
         self.model = tables.domain.model.joint
         self.hidden_first_action, self.track_belief = hidden_first_action, track_belief
-        self.reset()
+        self.reset(opening)
 
-    def reset(self) -> None:
+    def reset(self, opening: Floats) -> None:
         """Open an episode, by an unseen random action where the authors' environments did."""
-        self.state = self._draw(self.model.start)
+        self.state = _choose(self.model.start, opening[0])
         self.belief = self.model.start
         self.observation, self.last_action = self.model.n_observations, self.model.n_actions
         if self.hidden_first_action:
-            self._move(int(self.rng.integers(self.model.n_actions)))
+            self._move(min(int(opening[1] * self.model.n_actions), self.model.n_actions - 1), opening[2:])
         self.fresh, self.steps = True, 0
 
-    def step(self, action: int) -> tuple[float, bool, bool]:
+    def step(self, action: int, u: Floats, opening: Floats) -> tuple[float, bool, bool]:
         """Take an action; returns the reward, and whether the episode ended or was cut by its limit."""
         ended = bool(self.tables.reset[action, self.state])
-        reward = self._move(action)
+        reward = self._move(action, u)
         self.fresh = False
         self.steps += 1
         truncated = not ended and self.steps >= self.tables.domain.episode_limit
         if ended or truncated:
-            self.reset()
+            self.reset(opening)
         return reward, ended, truncated
 
-    def _move(self, a: int) -> float:
-        s, s_next = self.state, self._draw(self.tables.T[a, self.state])
-        o = self._draw(self.tables.O[a, s_next])
+    def _move(self, a: int, u: Floats) -> float:
+        s, s_next = self.state, _choose(self.tables.T[a, self.state], u[0])
+        o = _choose(self.tables.O[a, s_next], u[1])
         if self.track_belief and not self.tables.reset[a, s]:
             belief = self.tables.O[a, :, o] * (self.belief @ self.tables.T_going_on[a])  # Eq. 1
             self.belief = belief / belief.sum()
         self.state, self.observation, self.last_action = s_next, o, a
         return float(self.tables.R[a, s, s_next, o])
 
-    def _draw(self, probabilities: NDArray[np.float64]) -> int:
-        cumulative = probabilities.cumsum()
-        return int(cumulative.searchsorted(self.rng.random() * cumulative[-1], side="right"))
+    def position(self) -> Tensor:
+        """Return all that is known of the episode but for the belief, as integers."""
+        return torch.tensor([self.state, self.observation, self.last_action, self.fresh, self.steps])
+
+    def go_to(self, position: Tensor, belief: Tensor) -> None:
+        """Go on from a :meth:`position` and a belief."""
+        self.state, self.observation, self.last_action, fresh, self.steps = position.tolist()
+        self.fresh, self.belief = bool(fresh), belief.numpy().copy()
+
+
+def _choose(probabilities: Floats, u: float) -> int:
+    cumulative = probabilities.cumsum()
+    return int(cumulative.searchsorted(u * cumulative[-1], side="right"))
 
 
 class RewardScaler:
@@ -90,7 +174,7 @@ class RewardScaler:
         self.returns = np.zeros(lanes)
         self.count, self.mean, self.variance = 1e-4, 0.0, 1.0
 
-    def scale(self, rewards: NDArray[np.float64], done: NDArray[np.bool_]) -> NDArray[np.float64]:
+    def scale(self, rewards: Floats, done: NDArray[np.bool_]) -> Floats:
         """Scale the rewards (L,) of one step, by the statistics up to and with it."""
         self.returns = self.returns * 0.99 + rewards
         n, delta = len(rewards), self.returns.mean() - self.mean
@@ -98,7 +182,7 @@ class RewardScaler:
         squares = self.variance * self.count + self.returns.var() * n + delta**2 * self.count * n / total
         self.mean, self.variance, self.count = self.mean + delta * n / total, squares / total, total
         self.returns[done] = 0.0
-        scaled: NDArray[np.float64] = np.clip(rewards / np.sqrt(self.variance + 1e-8), -10, 10)
+        scaled: Floats = np.clip(rewards / np.sqrt(self.variance + 1e-8), -10, 10)
         return scaled
 
 
@@ -112,19 +196,20 @@ class Seen:
     belief: Tensor
     fresh: Tensor
 
-    def at(self, t: int) -> Seen:
-        """Return one step."""
+    def at(self, t: int | slice) -> Seen:
+        """Return one step, or several."""
         return Seen(*(getattr(self, field.name)[t] for field in fields(self)))
 
 
 @dataclass
 class Rollout:
-    """What happened in T steps; ``rewards`` as the losses take them, scaled."""
+    """What happened in T steps."""
 
     seen: Seen  # (T + 1, L, …)
     memories: list[Tensor]  # (L, H) of each GRU, before the first step
     actions: Tensor  # (T, L)
-    rewards: Tensor  # (T, L)
+    earned: Tensor  # (T, L) rewards
+    rewards: Tensor  # (T, L) as the losses take them, scaled
     ended: Tensor  # (T, L)
     truncated: Tensor  # (T, L)
     values: Tensor  # (T + 1, L)
@@ -141,14 +226,6 @@ class Losses:
     total: Tensor
 
 
-def linear(n_in: int, n_out: int, gain: float = GAIN) -> nn.Linear:
-    """Return a layer with orthogonal weights and zero biases."""
-    layer = nn.Linear(n_in, n_out)
-    nn.init.orthogonal_(layer.weight, gain)
-    nn.init.zeros_(layer.bias)
-    return layer
-
-
 class History(nn.Module):
     """A GRU over embedded observations and last actions (paper, Appendix B)."""
 
@@ -158,8 +235,6 @@ class History(nn.Module):
         self.observation = nn.Embedding(model.n_observations + 1, EMBEDDING)
         self.action = nn.Embedding(model.n_actions + 1, EMBEDDING)
         self.gru = nn.GRU(2 * EMBEDDING, HIDDEN)
-        for name, parameter in self.gru.named_parameters():
-            nn.init.orthogonal_(parameter) if "weight" in name else nn.init.zeros_(parameter)
 
     def forward(self, seen: Seen, memory: Tensor) -> Tensor:
         """Advance the memory (L, H) by one step, emptying it where an episode opens."""
@@ -172,19 +247,16 @@ class History(nn.Module):
 class Branch(nn.Module):
     """Actor or critic: an input, two layers, a head, and a belief head if grounded."""
 
-    def __init__(
-        self, kind: InputKind, domain: Domain, layers: int, outputs: int, gain: float, *, grounded: bool
-    ) -> None:
+    def __init__(self, kind: InputKind, domain: Domain, layers: int, outputs: int, *, grounded: bool) -> None:
         super().__init__()
         self.kind, S = kind, domain.model.n_hidden
         self.state = nn.Embedding(S, EMBEDDING) if kind == "state" else None
         width = {"history": HIDDEN, "state": EMBEDDING, "belief": S}[kind]
-        steps: list[nn.Module] = []
-        for _ in range(layers if kind == "history" else 2):
-            steps += [linear(width, HIDDEN), nn.Tanh()]
+        self.layers = nn.ModuleList()
+        for _ in range(layers if kind == "history" else FEEDFORWARD_LAYERS):
+            self.layers.append(nn.Linear(width, HIDDEN))
             width = HIDDEN
-        self.body = nn.Sequential(*steps)
-        self.head = linear(HIDDEN, outputs, gain)
+        self.head = nn.Linear(HIDDEN, outputs)
         self.belief = nn.Linear(HIDDEN, S) if grounded else None
 
     def forward(self, seen: Seen, features: Tensor | None) -> tuple[Tensor, Tensor | None]:
@@ -194,7 +266,8 @@ class Branch(nn.Module):
             x = seen.belief
         elif self.state is not None:
             x = self.state(seen.state)
-        x = self.body(x)
+        for layer in self.layers:
+            x = torch.tanh(layer(x))
         return self.head(x), None if self.belief is None else self.belief(x)
 
 
@@ -207,8 +280,8 @@ class Agent(nn.Module):
         self.shared = settings.shared_recurrence and spec.actor == spec.critic == "history"
         kinds = [spec.actor] if self.shared else [spec.actor, spec.critic]
         self.histories = nn.ModuleList(History(domain) for kind in kinds if kind == "history")
-        self.actor = Branch(spec.actor, domain, layers, n_actions, POLICY_GAIN, grounded=spec.grounded)
-        self.critic = Branch(spec.critic, domain, layers, 1, GAIN, grounded=spec.grounded)
+        self.actor = Branch(spec.actor, domain, layers, n_actions, grounded=spec.grounded)
+        self.critic = Branch(spec.critic, domain, layers, 1, grounded=spec.grounded)
 
     def remember(self, seen: Seen, memories: list[Tensor]) -> list[Tensor]:
         """Advance all memories by one step."""
@@ -220,23 +293,61 @@ class Agent(nn.Module):
         values, _ = self.critic(seen, memories[-1] if memories else None)
         return logits.softmax(-1), values[:, 0]
 
+    def pairs(
+        self, networks: AgentNetworks, of: Callable[[nn.Parameter], Tensor] = lambda parameter: parameter.data
+    ) -> Iterator[tuple[Tensor, Tensor]]:
+        """Pair views of the parameters of one-seed ``networks`` with equal views of this agent's.
 
-class Baseline:
-    """One run of one agent: :meth:`update` collects a rollout and learns from it."""
+        ``of`` may return something else of a parameter's shape, such as its gradient. Weights of the networks
+        are (in, out), torch's (out, in); the networks' GRU keeps its input gates in the order n, r, z, torch in
+        the order r, z, n.
+        """
 
-    def __init__(self, spec: AgentSpec, domain: Domain, settings: Hyperparameters, seed: int) -> None:
-        if settings.time_limit != "zero-advantage" or settings.stale_reset_info:
-            raise ValueError("the baseline knows the zero-advantage rule and current reset infos only")
-        torch.manual_seed(seed)
-        rng = np.random.default_rng(seed)
+        def named(name: str) -> Tensor:
+            return networks.parameters[name][0]
+
+        for recurrence, history in zip(networks.recurrences, self.histories, strict=True):
+            gru = history.gru
+            yield named(recurrence.observations.name), of(history.observation.weight)
+            yield named(recurrence.actions.name), of(history.action.weight)
+            for kind in ("weight", "bias"):
+                theirs, ours = named(f"{recurrence.name}.input.{kind}"), of(getattr(gru, f"{kind}_ih_l0")).t()
+                yield theirs[..., :HIDDEN], ours[..., 2 * HIDDEN :]
+                yield theirs[..., HIDDEN:], ours[..., : 2 * HIDDEN]
+                yield named(f"{recurrence.name}.recurrent.{kind}"), of(getattr(gru, f"{kind}_hh_l0")).t()
+        for name, branch in (("actor", self.actor), ("critic", self.critic)):
+            if branch.state is not None:
+                yield named(f"{name}.state"), of(branch.state.weight)
+            dense = {f"body.{i}": layer for i, layer in enumerate(branch.layers)} | {"head": branch.head}
+            if branch.belief is not None:
+                dense["belief"] = branch.belief
+            for part, layer in dense.items():
+                yield named(f"{name}.{part}.weight"), of(layer.weight).T
+                yield named(f"{name}.{part}.bias"), of(layer.bias)
+
+
+class Run:
+    """One run of one agent: its environments, its networks, and how they learn."""
+
+    def __init__(self, spec: AgentSpec, tables: Tables, settings: Hyperparameters, seed: int) -> None:
+        domain = tables.domain
         self.settings, self.discount = settings, domain.training_discount
-        tables, hidden = Tables(domain), settings.hidden_first_action and domain.hidden_first_action
+        openings = RandomStreams((seed,), Purpose.OPENING, torch.device("cpu"))
         self.lanes = [
-            Environment(tables, rng, hidden_first_action=hidden, track_belief=spec.needs_beliefs)
-            for _ in range(settings.lanes)
+            Environment(
+                tables,
+                opening,
+                hidden_first_action=settings.hidden_first_action and domain.hidden_first_action,
+                track_belief=spec.needs_beliefs,
+            )
+            for opening in openings.block(0, 1, settings.lanes, 4)[0].numpy()
         ]
         self.scaler = RewardScaler(settings.lanes)
         self.agent = Agent(spec, domain, settings)
+        start = AgentNetworks(spec, domain, settings, (seed,), torch.device("cpu"))
+        start.initialise()
+        for theirs, ours in self.agent.pairs(start):
+            ours.copy_(theirs)
         self.memories = [torch.zeros(settings.lanes, HIDDEN) for _ in self.agent.histories]
         self.optimiser = torch.optim.RMSprop(
             self.agent.parameters(),
@@ -244,37 +355,35 @@ class Baseline:
             alpha=settings.rmsprop_decay,
             eps=settings.rmsprop_epsilon,
         )
-
-    def update(self, entropy_weight: float) -> Losses:
-        """Act for T steps in every lane, then take one gradient step."""
-        losses = self.losses(self.collect(), entropy_weight)
-        self.learn(losses)
-        return losses
+        for (
+            p
+        ) in self.agent.parameters():  # what it would make at its first step, so that it can be loaded before
+            self.optimiser.state[p] = {"step": torch.tensor(0.0), "square_avg": torch.zeros_like(p)}
 
     @torch.no_grad()
-    def collect(self) -> Rollout:
-        """Act for T steps."""
+    def collect(self, variates: NDArray[np.float32]) -> Rollout:
+        """Act for T steps with ``variates`` (T, L, 7): an action's, a step's two, and an opening's four."""
         seen, memories = [self._look()], self.memories
         columns: list[tuple[Tensor, ...]] = []
-        for _ in range(self.settings.rollout):
+        for u in variates:
             self.memories = self.agent.remember(seen[-1], self.memories)
             policy, values = self.agent.act(seen[-1], self.memories)
-            actions = torch.multinomial(policy, 1)[:, 0]
-            columns.append((actions, *self._step(actions.tolist()), values))
+            actions = torch.tensor([_choose(p, u[i, 0]) for i, p in enumerate(policy.numpy())])
+            columns.append((actions, *self._step(actions.tolist(), u), values))
             seen.append(self._look())
         _, bootstrap = self.agent.act(seen[-1], self.agent.remember(seen[-1], self.memories))
-        taken, rewards, ended, truncated, worth = map(torch.stack, zip(*columns, strict=True))
+        taken, earned, rewards, ended, truncated, worth = map(torch.stack, zip(*columns, strict=True))
         stacked = Seen(*(torch.stack([getattr(s, f.name) for s in seen]) for f in fields(Seen)))
         worth = torch.cat((worth, bootstrap[None]))
-        return Rollout(stacked, memories, taken, rewards, ended, truncated, worth)
+        return Rollout(stacked, memories, taken, earned, rewards, ended, truncated, worth)
 
-    def _step(self, actions: list[int]) -> tuple[Tensor, Tensor, Tensor]:
-        """Step every lane; returns scaled rewards, ended and truncated, (L,) each."""
-        results = [lane.step(action) for lane, action in zip(self.lanes, actions, strict=True)]
-        rewards, ended, truncated = (np.array(column) for column in zip(*results, strict=True))
-        if self.settings.reward_scaling:
-            rewards = self.scaler.scale(rewards, ended | truncated)
-        return torch.from_numpy(rewards).float(), torch.from_numpy(ended), torch.from_numpy(truncated)
+    def _step(self, actions: list[int], u: NDArray[np.float32]) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Step every lane; returns rewards as earned and as scaled, ended and truncated, (L,) each."""
+        results = [lane.step(a, x[1:3], x[3:]) for lane, a, x in zip(self.lanes, actions, u, strict=True)]
+        earned, ended, truncated = (np.array(column) for column in zip(*results, strict=True))
+        rewards = self.scaler.scale(earned, ended | truncated) if self.settings.reward_scaling else earned
+        as_floats = (torch.from_numpy(column).float() for column in (earned, rewards))
+        return (*as_floats, torch.from_numpy(ended), torch.from_numpy(truncated))
 
     def returns(self, rollout: Rollout) -> Tensor:
         """λ-returns R_t that bootstrap from the rollout's end (Appendix A), (T, L); R_t = V_t where cut."""
@@ -296,7 +405,7 @@ class Baseline:
             memories = self.agent.remember(seen.at(t), memories)
             features.append(memories)
         actor, critic = (torch.stack([f[i] for f in features]) if memories else None for i in (0, -1))
-        now = Seen(*(getattr(seen, field.name)[:T] for field in fields(seen)))
+        now = seen.at(slice(T))
         logits, belief_logits = self.agent.actor(now, actor)
         values, critic_belief_logits = self.agent.critic(now, critic)
         log_policy = logits.log_softmax(-1)
@@ -321,6 +430,34 @@ class Baseline:
         losses.total.backward()  # type: ignore[no-untyped-call]
         nn.utils.clip_grad_norm_(self.agent.parameters(), self.settings.max_gradient_norm)
         self.optimiser.step()
+
+    def state(self) -> dict[str, Tensor]:
+        """Return copies of all that the rest of the run depends on."""
+        scaler = self.scaler
+        state = {
+            "positions": torch.stack([lane.position() for lane in self.lanes]),
+            "beliefs": torch.from_numpy(np.stack([lane.belief for lane in self.lanes])),
+            "scaler.returns": torch.from_numpy(scaler.returns.copy()),
+            "scaler.moments": torch.tensor([scaler.count, scaler.mean, scaler.variance], dtype=torch.float64),
+        }
+        state |= {f"memory.{i}": memory.clone() for i, memory in enumerate(self.memories)}
+        for name, p in self.agent.named_parameters():
+            state[f"values.{name}"] = p.detach().clone()
+            state[f"mean_squares.{name}"] = self.optimiser.state[p]["square_avg"].clone()
+        return state
+
+    @torch.no_grad()
+    def load_state(self, state: Mapping[str, Tensor]) -> None:
+        """Go on from what :meth:`state` returned."""
+        for lane, position, belief in zip(self.lanes, state["positions"], state["beliefs"], strict=True):
+            lane.go_to(position, belief)
+        scaler = self.scaler
+        scaler.returns = state["scaler.returns"].numpy().copy()
+        scaler.count, scaler.mean, scaler.variance = state["scaler.moments"].tolist()
+        self.memories = [state[f"memory.{i}"].clone() for i in range(len(self.memories))]
+        for name, p in self.agent.named_parameters():
+            p.copy_(state[f"values.{name}"])
+            self.optimiser.state[p]["square_avg"].copy_(state[f"mean_squares.{name}"])
 
     def _look(self) -> Seen:
         lanes = self.lanes

@@ -1,148 +1,107 @@
-"""The baseline computes what the learner computes: worlds, reward scaling, losses, gradients, whole steps."""
+"""The fast learner does what the plain one does: the same runs, from the same start and random numbers."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 import torch
-from torch import Tensor
 
-from benchmarks.baseline import Baseline, Environment, RewardScaler, Rollout, Seen, Tables
 from bgn import domains
 from bgn.agents import a2c
 from bgn.agents.hyperparameters import Hyperparameters
 from bgn.agents.specs import AGENTS
+from bgn.errors import InputError
 from bgn.pomdp import belief as reference
-from bgn.training import learner as learner_module
-from bgn.training.learner import VARIATES, Learner
-from bgn.training.random_streams import Purpose, RandomStreams
+from bgn.training.learners.a2c import A2CLearner
+from bgn.training.learners.plain_a2c import Environment, PlainA2CLearner, RewardScaler, Tables
+from bgn.training.update_runner import UpdateRunner
 
-BETA = 0.05
 CPU = torch.device("cpu")
-# The learner keeps the input weights' gates in the order n, r, z; torch in the order r, z, n.
-ROTATED = torch.arange(768).roll(-256)
-
-
-def copied(learner: Learner, name: str, tensor: Tensor) -> dict[str, Tensor]:
-    """A learner's tensor under the baseline's name, in torch's layout."""
-    head, _, tail = name.partition(".")
-    if head in ("actor", "critic", "shared") and tail.split(".")[0] in ("observation", "action", "gru"):
-        gru_of = [r.name for r in learner.networks.recurrences].index(f"{head}.gru")
-        prefix = f"histories.{gru_of}"
-        if tail in ("observation", "action"):
-            return {f"{prefix}.{tail}.weight": tensor}
-        _, part, kind = tail.split(".")
-        end = {"input": "ih", "recurrent": "hh"}[part]
-        columns = tensor[..., ROTATED] if part == "input" else tensor
-        return {f"{prefix}.gru.{kind}_{end}_l0": turned(columns)}
-    if tail == "state":
-        return {"critic.state.weight": tensor}
-    parts = tail.split(".")
-    if parts[0] == "body":  # every other module of the sequence is a tanh
-        tail = f"body.{2 * int(parts[1])}.{parts[2]}"
-    return {f"{head}.{tail}": turned(tensor)}
-
-
-def turned(tensor: Tensor) -> Tensor:
-    """Torch keeps weights as (out, in)."""
-    return tensor.T if tensor.ndim == 2 else tensor
-
-
-def all_copied(learner: Learner, buffer: Any) -> dict[str, Tensor]:
-    named: dict[str, Tensor] = {}
-    for name in learner.networks.parameters.shapes:
-        named |= copied(learner, name, buffer(name).clone())
-    return named
-
-
-def views(learner: Learner, flat: Tensor) -> dict[str, Tensor]:
-    """One-seed views into a buffer of the learner's layout."""
-    (vectors,) = learner.networks.parameters.by_seed(flat)
-    shapes = learner.networks.parameters.shapes
-    return {name: v.view(shape) for (name, shape), v in zip(shapes.items(), vectors, strict=True)}
+UPDATES = 9
 
 
 @pytest.mark.parametrize(("domain_id", "shared"), [("hallway", True), ("rocksample-4-4", False)])
 @pytest.mark.parametrize("agent_id", AGENTS)
-def test_losses_gradients_and_step_equal_the_learners(
-    agent_id: str, domain_id: str, shared: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_runs_are_the_same(agent_id: str, domain_id: str, shared: bool) -> None:
+    """Actions and rewards are equal, losses, parameters and mean squares but for rounding."""
     settings = Hyperparameters(
         lanes=12,
         rollout=3,
         shared_recurrence=shared,
         recurrent_hidden_layers=2 if shared else 1,
         belief_weight=0.7,
+        entropy_weight_start=0.5,
     )
-    domain = replace(domains.get(domain_id), episode_limit=7)  # so that the tenth update cuts episodes
-    learner = Learner(AGENTS[agent_id], domain, settings, (5,), CPU)
-    streams = RandomStreams((5,), Purpose.TRAINING, CPU)
-    for i in range(9):  # real updates first, so that memories, policies and the optimiser are generic
-        learner.update(streams.block(i, 3, 12, VARIATES), torch.tensor(BETA))
-    baseline = Baseline(AGENTS[agent_id], domain, settings, seed=0)
-    parameters = learner.networks.parameters
-    baseline.agent.load_state_dict(all_copied(learner, lambda name: parameters[name][0]))
-    squares = views(learner, parameters.mean_squares.clone())
-    squares_by_name = all_copied(learner, squares.__getitem__)
-    for name, p in baseline.agent.named_parameters():
-        baseline.optimiser.state[p] = {"step": torch.tensor(9.0), "square_avg": squares_by_name[name]}
-    memories = [r.hidden[0].clone() for r in learner.networks.recurrences]
+    domain = replace(domains.get(domain_id), episode_limit=7)  # so that the third update cuts episodes
+    fast = A2CLearner(AGENTS[agent_id], domain, settings, (5, 2), CPU)
+    plain = PlainA2CLearner(AGENTS[agent_id], domain, settings, (5, 2), CPU)
+    runners = [UpdateRunner(learner, 2 * UPDATES) for learner in (fast, plain)]
+    cut = 0
+    for i in range(UPDATES):
+        for runner in runners:
+            runner.update(i)
+        cut += int(fast.truncated.sum())
+        ours, theirs = fast.recorder.state(), plain.recorder.state()
+        for name in ("running", "weights", "episodes"):
+            torch.testing.assert_close(theirs[name], ours[name], rtol=1e-5, atol=1e-6)
+        torch.testing.assert_close(theirs["losses"], ours["losses"], equal_nan=True, rtol=1e-4, atol=1e-5)
+    assert cut > 0
+    parameters = fast.networks.parameters
+    for row, run in enumerate(plain.runs):
+        networks, squares = fast.networks_of(row), fast.networks_of(row)
+        for name, values in zip(
+            parameters.shapes, parameters.by_seed(parameters.mean_squares)[row], strict=True
+        ):
+            squares.parameters[name].copy_(values.view_as(squares.parameters[name]))
+        for theirs, ours in run.agent.pairs(networks):
+            torch.testing.assert_close(theirs, ours, rtol=1e-3, atol=1e-5)
+        for theirs, ours in run.agent.pairs(squares, lambda p, run=run: run.optimiser.state[p]["square_avg"]):
+            torch.testing.assert_close(theirs, ours, rtol=1e-3, atol=1e-8)
+        for name, values in plain.networks_of(row).parameters.of_seed(0).items():
+            torch.testing.assert_close(values, networks.parameters[name][0], rtol=1e-3, atol=1e-5)
 
-    captured: dict[str, Any] = {}
-    real = learner_module.generalized_advantages
 
-    def spy(rewards: Tensor, values: Tensor, *rest: Tensor, **options: Any) -> Tensor:
-        captured.update(rewards=rewards[0].clone(), values=values[0].clone())
-        return real(rewards, values, *rest, **options)
+def test_all_parameters_have_a_partner() -> None:
+    for agent_id in AGENTS:
+        learner = PlainA2CLearner(
+            AGENTS[agent_id], domains.get("hallway"), Hyperparameters(lanes=2), (1,), CPU
+        )
+        networks = learner.networks_of(0)
+        paired = sum(theirs.numel() for theirs, _ in learner.runs[0].agent.pairs(networks))
+        assert paired == sum(tensor.numel() for tensor in networks.parameters.of_seed(0).values())
 
-    monkeypatch.setattr(learner_module, "generalized_advantages", spy)
-    learner.recorder.losses.zero_()
-    learner.update(streams.block(9, 3, 12, VARIATES), torch.tensor(BETA))
 
-    assert learner.truncated.any()
-    memory = learner.memory
-    belief = memory.belief[0] if AGENTS[agent_id].needs_beliefs else torch.zeros(4, 12, domain.model.n_hidden)
-    seen = Seen(
-        memory.observation[0], memory.last_action[0], memory.state[0], belief.clone(), memory.fresh[0]
-    )
-    rollout = Rollout(
-        seen,
-        memories,
-        learner.actions[0],
-        captured["rewards"],
-        learner.ended[0],
-        learner.truncated[0],
-        captured["values"],
-    )
-    losses = baseline.losses(rollout, BETA)
-    parts = (losses.entropy, losses.policy, losses.critic, losses.cross_entropy)
-    expected = torch.stack([torch.tensor(torch.nan) if part is None else part.detach() for part in parts])
-    torch.testing.assert_close(learner.recorder.losses[0], expected, equal_nan=True, rtol=1e-4, atol=1e-6)
-    baseline.learn(losses)
-    ours = all_copied(learner, lambda name: parameters[name][0])
-    for name, p in baseline.agent.named_parameters():
-        torch.testing.assert_close(ours[name], p.detach(), rtol=1e-4, atol=1e-6)
-    # learn() has clipped the baseline's gradients in place.
-    norm = torch.linalg.vector_norm(parameters.gradients)
-    factor = (settings.max_gradient_norm / (norm + 1e-6)).clamp(max=1.0)
-    gradients = all_copied(learner, lambda name: parameters.gradient(name)[0] * factor)
-    for name, p in baseline.agent.named_parameters():
-        assert p.grad is not None
-        torch.testing.assert_close(gradients[name], p.grad, rtol=1e-3, atol=1e-6)
+@pytest.mark.parametrize("agent_id", ["ah-ch+bgn", "ab-cb"])
+def test_a_loaded_learner_goes_on_bit_for_bit(agent_id: str) -> None:
+    def fresh() -> UpdateRunner:
+        settings = Hyperparameters(lanes=4, rollout=3)
+        return UpdateRunner(PlainA2CLearner(AGENTS[agent_id], domains.get("hallway"), settings, (1,), CPU), 8)
+
+    straight, first, second = fresh(), fresh(), fresh()
+    for i in range(8):
+        straight.update(i)
+        (first if i < 4 else second).update(i)
+        if i == 3:
+            second.learner.load_state(first.learner.state())
+    ours, theirs = straight.learner.state(), second.learner.state()
+    assert ours.keys() == theirs.keys()
+    columns = slice(0, 100)  # the recorder's last column takes what is not an episode's end
+    for name, tensor in ours.items():
+        one, other = (t[..., columns] if "window" in name else t for t in (tensor, theirs[name]))
+        torch.testing.assert_close(one, other, rtol=0, atol=0, equal_nan=True)
 
 
 @pytest.mark.parametrize("domain_id", ["hallway", "rocksample-4-4"])
 def test_environment_follows_the_model(domain_id: str) -> None:
     domain = domains.get(domain_id)
     model, rng = domain.model.joint, np.random.default_rng(1)
-    lane = Environment(Tables(domain), rng, hidden_first_action=True, track_belief=True)
+    lane = Environment(Tables(domain), rng.random(4), hidden_first_action=True, track_belief=True)
     ends = 0
     for _ in range(300):
         before, state, action = lane.belief, lane.state, int(rng.integers(model.n_actions))
-        reward, ended, truncated = lane.step(action)
+        reward, ended, truncated = lane.step(action, rng.random(2), rng.random(4))
         assert lane.belief.sum() == pytest.approx(1)
         assert lane.belief[lane.state] > 0
         assert ended == model.reset[action, state]
@@ -172,21 +131,21 @@ def test_reward_scalers_agree() -> None:
         np.testing.assert_allclose(scaled[0].numpy(), expected, rtol=1e-4)
 
 
-def test_collected_rollouts_train() -> None:
-    """On its own, the baseline's losses are finite and its critic learns what random play is worth."""
+def test_it_learns_what_the_belief_is() -> None:
     settings = Hyperparameters(belief_weight=0.267)
-    baseline = Baseline(AGENTS["ah-ch+bgn"], domains.get("hallway"), settings, seed=0)
-    losses = [baseline.update(0.01) for _ in range(40)]
-    assert all(torch.isfinite(step.total) for step in losses)
-    early, late = losses[0].cross_entropy, losses[-1].cross_entropy
-    assert early is not None
-    assert late is not None
-    assert late < early - 0.3  # from ln 60 = 4.1 nats; the belief of a lost robot has about 3
+    learner = PlainA2CLearner(AGENTS["ah-ch+bgn"], domains.get("hallway"), settings, (0,), CPU)
+    runner = UpdateRunner(learner, 40)
+    cross_entropies = []
+    for i in range(40):
+        runner.update(i)
+        cross_entropies.append(learner.recorder.read().losses["belief_cross_entropy"][0])
+    # From ln 60 = 4.1 nats; the belief of a lost robot has about 3.
+    assert cross_entropies[-1] < cross_entropies[0] - 0.3
 
 
-def test_baseline_rejects_what_it_does_not_know() -> None:
+def test_it_rejects_what_it_does_not_know() -> None:
     spec, hallway = AGENTS["ab-cb"], domains.get("hallway")
-    with pytest.raises(ValueError, match="classic domains only, not 'top-plate'"):
-        Baseline(spec, domains.get("top-plate"), Hyperparameters(), seed=0)
-    with pytest.raises(ValueError, match="zero-advantage"):
-        Baseline(spec, hallway, Hyperparameters(time_limit="bootstrap"), seed=0)
+    with pytest.raises(InputError, match="classic domains on the CPU only, not 'top-plate' on cpu"):
+        PlainA2CLearner(spec, domains.get("top-plate"), Hyperparameters(), (0,), CPU)
+    with pytest.raises(InputError, match="zero-advantage"):
+        PlainA2CLearner(spec, hallway, Hyperparameters(time_limit="bootstrap"), (0,), CPU)
