@@ -14,7 +14,7 @@ from bgn.domains.domain import Domain
 from bgn.simulation.table_world import START_VARIATES, STEP_VARIATES, TableWorld
 from bgn.training.random_streams import Purpose, RandomStreams
 
-#: Steps between looks at which episodes are over; looking makes the device wait.
+#: Steps between checks of which episodes are over; a check waits for the device.
 CHECK_INTERVAL = 5
 #: Episodes simulated at once.
 BATCH = 500

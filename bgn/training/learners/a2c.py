@@ -180,6 +180,7 @@ class A2CLearner:
         critic, T = self.networks.critic, self.settings.rollout
         if critic.recurrence is not None:
             shared = critic.recurrence is self.networks.actor.recurrence
+            # Acting has stepped a shared recurrence through all slots but the last, which is for bootstrapping.
             for t in range(T if shared else 0, T + 1):
                 self._step_critic(t)
         return critic.all_slots(self.inputs)[..., 0]
@@ -218,7 +219,7 @@ class A2CLearner:
                 grounded = belief_loss(branch.belief_logits(T), target, self.settings.belief_weight)
                 cross_entropy, d_belief = grounded.loss, grounded.gradient
             d = branch.backward(inputs, d_output, d_belief, T)
-            if branch.recurrence is not None and d is not None:
+            if branch.recurrence is not None and d is not None:  # both branches' gradients, if they share it
                 key = id(branch.recurrence)
                 d_features[key] = d_features[key].add_(d) if key in d_features else d
         if self.networks.recurrences:

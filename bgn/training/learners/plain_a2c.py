@@ -61,7 +61,7 @@ class PlainA2CLearner:
 
     def update(self, variates: Tensor, entropy_weight: Tensor) -> None:
         """Act for T steps with ``variates`` (T, S*L, 7), then take one gradient step, in each run."""
-        of_runs = variates.unflatten(1, (len(self.runs), -1)).unbind(1)
+        of_runs = variates.view(len(variates), len(self.runs), self.shape.lanes, -1).unbind(1)
         rollouts, losses = [], []
         for run, numbers in zip(self.runs, of_runs, strict=True):
             rollouts.append(run.collect(numbers.numpy()))
@@ -294,7 +294,7 @@ class Agent(nn.Module):
         return logits.softmax(-1), values[:, 0]
 
     def pairs(
-        self, networks: AgentNetworks, of: Callable[[nn.Parameter], Tensor] = lambda parameter: parameter.data
+        self, networks: AgentNetworks, of: Callable[[Tensor], Tensor] = lambda parameter: parameter.data
     ) -> Iterator[tuple[Tensor, Tensor]]:
         """Pair views of the parameters of one-seed ``networks`` with equal views of this agent's.
 
@@ -307,6 +307,7 @@ class Agent(nn.Module):
             return networks.parameters[name][0]
 
         for recurrence, history in zip(networks.recurrences, self.histories, strict=True):
+            assert isinstance(history, History)
             gru = history.gru
             yield named(recurrence.observations.name), of(history.observation.weight)
             yield named(recurrence.actions.name), of(history.action.weight)
@@ -318,10 +319,11 @@ class Agent(nn.Module):
         for name, branch in (("actor", self.actor), ("critic", self.critic)):
             if branch.state is not None:
                 yield named(f"{name}.state"), of(branch.state.weight)
-            dense = {f"body.{i}": layer for i, layer in enumerate(branch.layers)} | {"head": branch.head}
+            parts = {f"body.{i}": layer for i, layer in enumerate(branch.layers)} | {"head": branch.head}
             if branch.belief is not None:
-                dense["belief"] = branch.belief
-            for part, layer in dense.items():
+                parts["belief"] = branch.belief
+            for part, layer in parts.items():
+                assert isinstance(layer, nn.Linear)
                 yield named(f"{name}.{part}.weight"), of(layer.weight).T
                 yield named(f"{name}.{part}.bias"), of(layer.bias)
 
@@ -382,8 +384,8 @@ class Run:
         results = [lane.step(a, x[1:3], x[3:]) for lane, a, x in zip(self.lanes, actions, u, strict=True)]
         earned, ended, truncated = (np.array(column) for column in zip(*results, strict=True))
         rewards = self.scaler.scale(earned, ended | truncated) if self.settings.reward_scaling else earned
-        as_floats = (torch.from_numpy(column).float() for column in (earned, rewards))
-        return (*as_floats, torch.from_numpy(ended), torch.from_numpy(truncated))
+        as_earned, scaled = (torch.from_numpy(column).float() for column in (earned, rewards))
+        return as_earned, scaled, torch.from_numpy(ended), torch.from_numpy(truncated)
 
     def returns(self, rollout: Rollout) -> Tensor:
         """λ-returns R_t that bootstrap from the rollout's end (Appendix A), (T, L); R_t = V_t where cut."""
