@@ -1,4 +1,4 @@
-"""Episodes of the force-feedback domains in MuJoCo physics: one at a time, and the final evaluation.
+"""Episodes of the force-feedback domains in MuJoCo physics: final evaluation, and the test of the tables.
 
 A policy is trained on tables that were compiled from this physics; here it acts on the physics itself.
 """
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bgn import domains
 from bgn.domains.domain import Domain
 from bgn.errors import InputError
-from bgn.physics.tasks import Step, Task, draw_start, make_task
+from bgn.physics.tasks import Step, Task, draw_start, task_of
 from bgn.simulation.belief_rules import next_belief, start_belief
 
 Floats = NDArray[np.float64]
@@ -63,8 +63,9 @@ class PhysicsWorld:
 
     def __init__(self, domain: Domain) -> None:
         self.domain = domain
-        self.task = make_task(domain)
-        self.scene = self.task.scene
+        task = task_of(domain.id)
+        self.scene = task.make_scene(domain)
+        self.task = task(domain, self.scene)
         self._seen = observations(domain)
         self._y = -1
         self._now: EpisodeState | None = None
@@ -138,7 +139,7 @@ def evaluate_in_physics(
     if episodes < 1:
         raise InputError(f"an evaluation needs episodes >= 1, not {episodes}")
     domain = domains.get(domain_id, **variant)
-    task, rng = make_task(domain), np.random.default_rng(seed)
+    task, rng = PhysicsWorld(domain).task, np.random.default_rng(seed)
     results = np.array([play(domain, task, policy, rng) for _ in range(episodes)], dtype=np.float64)
     success, length = results.mean(axis=0)
     return Evaluation(

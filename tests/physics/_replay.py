@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from bgn.domains.domain import Domain
-from bgn.physics.tasks import Step, draw_start, make_task
+from bgn.physics.tasks import Step, draw_start
+from bgn.physics.world import PhysicsWorld
 
 
 class Comparison(NamedTuple):
@@ -18,7 +19,7 @@ class Comparison(NamedTuple):
 
 
 def compare_with_table(domain: Domain, steps: int, seed: int) -> Comparison:
-    task, rng = make_task(domain), np.random.default_rng(seed)
+    task, rng = PhysicsWorld(domain).task, np.random.default_rng(seed)
     joint, Y = domain.model.joint, domain.model.n_hidden
     violations, visited = 0, set()
     step, y, length = Step(0, ended=True), 0, 0
