@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Self
 
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from bgn import domains
-from bgn.agents.hyperparameters import CommonHyperparameters
+from bgn.agents.hyperparameters import Hyperparameters
 from bgn.agents.networks import AgentNetworks
 from bgn.agents.specs import agent
 from bgn.domains.domain import Domain
@@ -41,7 +41,7 @@ def save_policy(
     *,
     domain: str,
     agent: str,
-    hyperparameters: CommonHyperparameters,
+    hyperparameters: Hyperparameters,
     variant: Mapping[str, str | int | float | bool] | None = None,
 ) -> None:
     """Write the actor's parameters (:attr:`RunResult.policy`) as a safetensors file with its description."""
@@ -76,7 +76,7 @@ class Policy:
         tensors: Mapping[str, Tensor],
         domain: Domain,
         agent_id: str,
-        hyperparameters: CommonHyperparameters,
+        hyperparameters: Hyperparameters,
         *,
         greedy: bool = True,
     ) -> None:
@@ -105,7 +105,7 @@ class Policy:
         try:
             tensors = safetensors.torch.load_file(path)
             domain = domains.get(description["domain"], **description["variant"])
-            settings = _common(description["hyperparameters"])
+            settings = Hyperparameters(**description["hyperparameters"])
             return cls(tensors, domain, description["agent"], settings, greedy=greedy)
         except (KeyError, TypeError, ValueError) as error:
             raise PolicyFileError(f"{path}: {error}") from error
@@ -150,15 +150,6 @@ class Policy:
             return None
         reconstruction: NDArray[np.float32] = grounding.forward(self._features)[0, 0].softmax(-1).numpy()
         return reconstruction
-
-
-def _common(hyperparameters: Mapping[str, Any]) -> CommonHyperparameters:
-    """Return what the networks need of a run's hyperparameters, whichever algorithm the rest belong to."""
-    needed = {"shared_recurrence", "recurrent_hidden_layers"}  # without these the tensors' shapes are unknown
-    if not needed <= set(hyperparameters):
-        raise ValueError(f"the hyperparameters lack {', '.join(sorted(needed - set(hyperparameters)))}")
-    known = {field.name for field in fields(CommonHyperparameters)}
-    return CommonHyperparameters(**{k: v for k, v in hyperparameters.items() if k in known})
 
 
 def describe(path: Path) -> dict[str, Any]:
