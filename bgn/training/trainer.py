@@ -4,26 +4,25 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager, suppress
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
 import torch
-from torch import Tensor
 
 from bgn import domains
 from bgn.agents.networks import AgentNetworks
 from bgn.agents.specs import agent
 from bgn.errors import BgnError
-from bgn.policies.saved import Policy
 from bgn.training import checkpoint as checkpoints
 from bgn.training.cell import CellSpec, Progress, RunResult
+from bgn.training.cuda import lost_devices, own_stream
 from bgn.training.evaluation import evaluate
 from bgn.training.learners import make_learner
-from bgn.training.update_runner import UpdateRunner, own_stream
+from bgn.training.physics_evaluation import MissingPhysicsError, evaluate_policy
+from bgn.training.update_runner import UpdateRunner
 
 #: Points of a curve: half of them spaced evenly, half by powers, so that the start is dense.
 CURVE_POINTS = 240
@@ -44,8 +43,12 @@ def train_cell(
     device: str = "cpu",
     checkpoint: Path | None = None,
     on_progress: OnProgress | None = None,
+    physics: bool = True,
 ) -> list[RunResult]:
     """Train and evaluate one run per seed.
+
+    Final policies of robot domains are also run in MuJoCo, unless ``physics`` is false or MuJoCo is not there; their
+    metrics then lack what :func:`bgn.training.physics_evaluation.evaluate_policy` can add later.
 
     Torch uses one thread meanwhile, so that the result does not depend on how many there are: run cells side
     by side instead. With ``checkpoint``, progress is saved there every half minute and taken up from there if
@@ -55,9 +58,12 @@ def train_cell(
     ------
     CheckpointMismatchError
         The checkpoint was written for another specification or other seeds.
+    bgn.training.cell.DeviceLostError
+        The GPU failed; nothing else can be run on it in this process.
     """
-    with _one_thread(), own_stream(torch.device(device)):
-        return _Stack(spec, tuple(seeds), torch.device(device), checkpoint, on_progress).run()
+    where = torch.device(device)
+    with _one_thread(), lost_devices(where), own_stream(where):
+        return _Stack(spec, tuple(seeds), where, checkpoint, on_progress, physics).run()
 
 
 @contextmanager
@@ -81,8 +87,10 @@ class _Stack:
         device: torch.device,
         checkpoint: Path | None,
         on_progress: OnProgress | None,
+        physics: bool,
     ) -> None:
         self.spec, self.seeds, self.checkpoint, self.on_progress = spec, seeds, checkpoint, on_progress
+        self.physics = physics and spec.physics_episodes > 0
         self.domain = domains.get(spec.domain, **spec.variant)
         settings = spec.hyperparameters
         self.learner = make_learner(agent(spec.agent), self.domain, settings, seeds, device)
@@ -95,7 +103,8 @@ class _Stack:
         self._resume()
 
     def run(self) -> list[RunResult]:
-        self._train()
+        with closing(self.runner):
+            self._train()
         self._report(stage="evaluate")
         return [self._result(i, self.learner.networks_of(i)) for i in range(len(self.seeds))]
 
@@ -156,7 +165,9 @@ class _Stack:
             metrics |= {f"{name}_{k}": v for k, v in summary.items()}
         names = networks.actor_parameters()
         policy = {n: t for n, t in networks.parameters.of_seed(0).items() if n in names}
-        metrics |= self._in_physics(policy, self.seeds[i])
+        if self.physics:
+            with suppress(MissingPhysicsError):
+                metrics |= evaluate_policy(self.spec, policy, self.seeds[i])
         metrics |= {
             "env_steps_per_second": self.updates
             * self.steps_per_update
@@ -165,27 +176,7 @@ class _Stack:
             "wall_seconds": self.wall_seconds / len(self.seeds),
             "cpu_seconds": self.cpu_seconds / len(self.seeds),
         }
-        return RunResult(
-            seed=self.seeds[i], curve=pd.DataFrame(self.curves[i]), metrics=metrics, policy=policy
-        )
-
-    def _in_physics(self, tensors: Mapping[str, Tensor], seed: int) -> dict[str, float]:
-        """Success of the policy, sampling its actions as in training, in MuJoCo."""
-        episodes = self.spec.physics_episodes
-        if episodes == 0:
-            return {}
-        # Imported here because only robot domains need MuJoCo.
-        from bgn.physics.world import evaluate_in_physics
-
-        settings = self.spec.hyperparameters
-        policy = Policy(tensors, self.domain, self.spec.agent, settings, greedy=False)
-        result = evaluate_in_physics(self.spec.domain, policy, episodes, seed, **self.spec.variant)
-        return {
-            "physics_success": result["success"],
-            "physics_success_se": result["success_se"],
-            "physics_length": result["length"],
-            "physics_episodes": float(result["episodes"]),
-        }
+        return RunResult(seed=self.seeds[i], points=self.curves[i], metrics=metrics, policy=policy)
 
     def _identity(self) -> dict[str, Any]:
         spec = asdict(replace(self.spec, variant=dict(self.spec.variant)))

@@ -8,9 +8,6 @@ import signal
 import time
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-import pandas as pd
-
 from benchmarks.tasks import ProgressListener, ReferenceSpec, Tools
 from bgn.results import schema
 from bgn.training.cell import CellSpec, Progress, RunResult
@@ -69,8 +66,8 @@ def evaluate_reference(spec: ReferenceSpec) -> dict[str, float]:
 def _result(spec: CellSpec, seed: int) -> RunResult:
     value = 0.5 + 0.01 * seed
     metrics = dict.fromkeys(schema.RUN_METRICS, value)
-    curve = pd.DataFrame({name: np.linspace(0.0, value, 3) for name in schema.CURVE_COLUMNS})
-    return RunResult(seed=seed, curve=curve, metrics=metrics, policy={})
+    points = [dict.fromkeys(schema.CURVE_COLUMNS, share * value) for share in (0.0, 0.5, 1.0)]
+    return RunResult(seed=seed, points=points, metrics=metrics, policy={})
 
 
 WORKING = Tools(train_cell, save_policy, evaluate_reference)

@@ -248,7 +248,9 @@ class A2CLearner:
     def state(self) -> Mapping[str, Tensor]:
         """Return all tensors that the rest of the run depends on, in place: a checkpoint's content."""
         parameters = self.networks.parameters
-        state = {"values": parameters.values, "mean_squares": parameters.mean_squares}
+        # By name: how the buffers are laid out depends on the device.
+        state = {f"values.{name}": view for name, view in parameters.views(parameters.values).items()}
+        state |= {f"mean_squares.{k}": v for k, v in parameters.views(parameters.mean_squares).items()}
         state |= {
             "steps": self.world.steps,
             "scaler.returns": self.scaler.returns,
