@@ -82,17 +82,17 @@ def _shots(world: PhysicsWorld, camera: Camera, policy: Policy, rng: np.random.G
     state = world.reset(rng)
     policy.reset(rng)
     names = world.domain.model.joint.action_names
-    said, action = "start", None
+    label, action = "start", None
     frames = [camera.frame()]
     while not (state.ended or state.truncated):
         choice = policy.act(state.observation, action)
-        yield Shot(state, _predicted(policy), said, frames)
-        action, said, frames = choice, names[choice], []
+        yield Shot(state, _predicted(policy), label, frames)
+        action, label, frames = choice, names[choice], []
         tick = _Ticker(camera, frames)
         world.scene.observer = tick.tick
         state = world.step(choice)
         frames.append(camera.frame())
-    yield Shot(state, _predicted(policy), said, frames)
+    yield Shot(state, _predicted(policy), label, frames)
 
 
 class _Ticker:

@@ -39,7 +39,7 @@ def _inputs(learner: A2CLearner, branch: Branch, p: Named, row: int, hidden: Nam
     if branch.kind == "belief":
         return rollout.belief_input[row, :STEPS].double()
     if branch.kind == "state":
-        table = p["critic.state"] if layout.state is None else layout.state.double()
+        table = p[f"{branch.name}.state"] if layout.state is None else layout.state.double()
         return table[rollout.state[row, :STEPS]]
     assert branch.recurrence is not None
     gru = branch.recurrence

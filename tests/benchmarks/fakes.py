@@ -8,7 +8,7 @@ import signal
 import time
 from collections.abc import Mapping, Sequence
 
-from benchmarks.tasks import ProgressListener, ReferenceSpec, Tools
+from benchmarks.tasks import ProgressListener, ReferenceSpec, Work
 from bgn.results import schema
 from bgn.training.cell import CellSpec, Progress, RunResult
 
@@ -70,6 +70,6 @@ def _result(spec: CellSpec, seed: int) -> RunResult:
     return RunResult(seed=seed, points=points, metrics=metrics, policy={})
 
 
-WORKING = Tools(train_cell, save_policy, evaluate_reference)
-HANGING = Tools(hang_before_checkpoint, save_policy, evaluate_reference)  # type: ignore[arg-type]
-BREAKING = Tools(train_or_fail, save_policy, evaluate_reference)
+WORKING = Work(train_cell, save_policy, evaluate_reference)
+HANGING = Work(hang_before_checkpoint, save_policy, evaluate_reference)  # type: ignore[arg-type]
+BREAKING = Work(train_or_fail, save_policy, evaluate_reference)
