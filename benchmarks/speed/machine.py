@@ -9,6 +9,8 @@ from collections.abc import Callable
 
 import torch
 
+from bgn.results.environment import processor
+
 PEAK_SIZE = 768
 
 
@@ -23,7 +25,7 @@ def peak_flops() -> float:
 def info() -> dict[str, str | int]:
     """Say what the figures were measured on."""
     return {
-        "processor": _processor(),
+        "processor": processor(),
         "cores": os.cpu_count() or 1,
         "python": platform.python_version(),
         "torch": torch.__version__,
@@ -36,13 +38,3 @@ def _cpu_seconds(work: Callable[[], object]) -> float:
     start = time.process_time()
     work()
     return time.process_time() - start
-
-
-def _processor() -> str:
-    """Return the processor's name, as Linux tells it."""
-    try:
-        with open("/proc/cpuinfo", encoding="utf-8") as file:
-            names = [line.partition(":")[2].strip() for line in file if line.startswith("model name")]
-    except OSError:
-        names = []
-    return names[0] if names else platform.processor() or platform.machine()

@@ -127,7 +127,7 @@ class RMSProp:
     def __init__(self, parameters: Parameters, *, rate: float, decay: float, epsilon: float) -> None:
         self._parameters = parameters
         buffers = (parameters.values, parameters.gradients, parameters.mean_squares)
-        self._whole = [[buffer] for buffer in buffers]
+        self._whole = tuple([buffer] for buffer in buffers)
         self._seeds = list(zip(*map(parameters.by_seed, buffers), strict=True))
         self._steps = [torch.tensor(1e9, device=parameters.device) for _ in self._seeds[0][0]]
         self._options = {"lr": rate, "beta2": decay, "eps": epsilon}
@@ -139,15 +139,15 @@ class RMSProp:
         divisors = ((norms + 1e-6) / max_norm).clamp_min_(1.0)
         if self._parameters.goes_by_seed:
             self._parameters.gradients.view(len(divisors), -1).div_(divisors[:, None])
-            self._step(*self._whole, None)
+            self._step(self._whole, None)
             return norms
         for buffers, divisor in zip(self._seeds, divisors, strict=True):
-            self._step(*buffers, divisor)
+            self._step(buffers, divisor)
         return norms
 
-    def _step(
-        self, values: list[Tensor], gradients: list[Tensor], squares: list[Tensor], divisor: Tensor | None
-    ) -> None:
+    def _step(self, buffers: tuple[list[Tensor], ...], divisor: Tensor | None) -> None:
+        """Step with values, gradients and mean squares, each a list of vectors."""
+        values, gradients, squares = buffers
         torch._fused_adam_(
             values,
             gradients,

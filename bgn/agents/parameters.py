@@ -144,7 +144,7 @@ class Parameters:
         for name, shape in self._shapes.items():
             size = math.prod(shape)
             if self.goes_by_seed:
-                views[name] = buffer.view(n, -1)[:, offset : offset + size].unflatten(1, shape)
+                views[name] = buffer.view(n, -1)[:, offset : offset + size].view(n, *shape)
                 offset += _padded(shape)
             else:
                 views[name] = buffer[offset : offset + n * size].view(n, *shape)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from bgn import domains
-from bgn.agents.hyperparameters import Hyperparameters
+from bgn.agents.hyperparameters import CommonHyperparameters, Hyperparameters
 from bgn.agents.networks import AgentNetworks
 from bgn.agents.specs import agent
 from bgn.domains.domain import Domain
@@ -41,7 +41,7 @@ def save_policy(
     *,
     domain: str,
     agent: str,
-    hyperparameters: Hyperparameters,
+    hyperparameters: CommonHyperparameters,
     variant: Mapping[str, str | int | float | bool] | None = None,
 ) -> None:
     """Write the actor's parameters (:attr:`RunResult.policy`) as a safetensors file with its description."""
@@ -76,7 +76,7 @@ class Policy:
         tensors: Mapping[str, Tensor],
         domain: Domain,
         agent_id: str,
-        hyperparameters: Hyperparameters,
+        hyperparameters: CommonHyperparameters,
         *,
         greedy: bool = True,
     ) -> None:
