@@ -8,6 +8,8 @@ import signal
 import time
 from collections.abc import Mapping, Sequence
 
+import safetensors.numpy
+
 from benchmarks.tasks import ProgressListener, ReferenceSpec, Work
 from bgn.results import schema
 from bgn.training.cell import CellSpec, Progress, RunResult
@@ -55,7 +57,7 @@ def hang_before_checkpoint(
 
 
 def save_policy(path: pathlib.Path, spec: CellSpec, tensors: Mapping[str, object]) -> None:
-    path.write_bytes(spec.agent.encode())
+    path.write_bytes(safetensors.numpy.save({}, metadata={"agent": spec.agent}))
 
 
 def evaluate_reference(spec: ReferenceSpec) -> dict[str, float]:
