@@ -18,7 +18,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any
 
-from benchmarks.events import Advanced, Event, Finished, Started
+from benchmarks.events import Advanced, Event, Finished, Idle, Started
 from benchmarks.executors import lifeline
 from benchmarks.signals import held_back
 from benchmarks.tasks import Failure, ReferenceTask, Task, Work, execute, now, record_failure
@@ -26,18 +26,22 @@ from bgn.results.store import StoreError
 from bgn.training.cell import Interrupted, Progress
 
 #: One thread a worker: cells run side by side, so more would only fight over the cores.
-_ONE_THREAD = {
+ONE_THREAD = {
     "OMP_NUM_THREADS": "1",
     "MKL_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
     "NUMBA_NUM_THREADS": "1",
 }
-_CONTEXT = multiprocessing.get_context("spawn")  # fork would copy the state of torch's and numba's threads
+CONTEXT = multiprocessing.get_context("spawn")  # fork would copy the state of torch's and numba's threads
 _GRACE_SECONDS = 10.0
 
 
-def run_tasks(tasks: Sequence[Task], *, jobs: int, work: Work) -> Generator[Event]:
+def run_tasks(
+    tasks: Sequence[Task], *, jobs: int, work: Work, tick: float | None = None
+) -> Generator[Event | Idle]:
     """Do all tasks, in order, at most ``jobs`` at a time; yield what happens.
+
+    With ``tick`` it yields :class:`~benchmarks.events.Idle` whenever nothing happened for that many seconds.
 
     Closing the iterator (or an exception in the caller, such as Ctrl-C) stops the workers, whose cells leave
     checkpoints.
@@ -54,7 +58,10 @@ def run_tasks(tasks: Sequence[Task], *, jobs: int, work: Work) -> Generator[Even
             while waiting and len(workers) < jobs:
                 workers.append(_Worker(work))
                 yield workers[-1].start(waiting.popleft())
-            for worker in _ready(workers):
+            ready = _ready(workers, tick)
+            if not ready:
+                yield Idle()
+            for worker in ready:
                 for message in worker.messages():
                     yield worker.event(message)
                 if worker.task is None and waiting and worker.alive:
@@ -75,11 +82,11 @@ class _Worker:
         self.task: Task | None = None
         self.started_at = now()
         self.alive = True
-        self.connection, theirs = _CONTEXT.Pipe()
+        self.connection, theirs = CONTEXT.Pipe()
         arguments = (theirs, work, os.getpid())
-        self.process: BaseProcess = _CONTEXT.Process(target=_serve, args=arguments, daemon=True)
+        self.process: BaseProcess = CONTEXT.Process(target=_serve, args=arguments, daemon=True)
         resource_tracker.ensure_running()  # or the first worker's start does it, and lets signals through
-        with _environment(_ONE_THREAD), held_back():
+        with environment(ONE_THREAD), held_back():
             self.process.start()
         theirs.close()
 
@@ -113,7 +120,7 @@ class _Worker:
         """Record that the process ended in the middle of its task."""
         assert self.task is not None
         self.process.join(_GRACE_SECONDS)
-        error = f"the worker process died ({_describe_exit(self.process.exitcode)})"
+        error = f"the worker process died ({describe_exit(self.process.exitcode)})"
         failure = Failure(error, "", self.started_at)
         record_failure(self.task, failure)
         return Finished(self.task, failure)
@@ -151,8 +158,8 @@ def _stop(workers: Sequence[_Worker]) -> None:
             worker.kill()
 
 
-def _ready(workers: Sequence[_Worker]) -> list[_Worker]:
-    connections = wait([worker.connection for worker in workers])
+def _ready(workers: Sequence[_Worker], tick: float | None) -> list[_Worker]:
+    connections = wait([worker.connection for worker in workers], tick)
     return [worker for worker in workers if worker.connection in connections]
 
 
@@ -179,7 +186,8 @@ def _serve(connection: Connection[Any, Any], work: Work, parent: int) -> None:
 
 
 @contextlib.contextmanager
-def _environment(variables: dict[str, str]) -> Iterator[None]:
+def environment(variables: dict[str, str]) -> Iterator[None]:
+    """Let processes that are started meanwhile have these variables."""
     before = {name: os.environ.get(name) for name in variables}
     os.environ.update(variables)
     try:
@@ -192,7 +200,8 @@ def _environment(variables: dict[str, str]) -> Iterator[None]:
                 os.environ[name] = value
 
 
-def _describe_exit(code: int | None) -> str:
+def describe_exit(code: int | None) -> str:
+    """Say how a process ended."""
     if code is not None and code < 0:
         return f"{signal.Signals(-code).name}; out of memory, or killed"
     return f"exit status {code}"

@@ -47,8 +47,9 @@ REFERENCE_IDENTITY: Columns = {
 RowKind = Literal["runs", "references"]
 IDENTITIES: Mapping[RowKind, Columns] = {"runs": RUN_IDENTITY, "references": REFERENCE_IDENTITY}
 
-#: How it ended: ``ok`` or ``failed``, and then why.
-OUTCOME: Columns = {"status": _TEXT, "error": _TEXT, "traceback": _TEXT}
+#: How it ended: ``ok`` or ``failed``, and then why; and what a row that is ``ok`` still lacks, which a later call
+#: fills in (null: nothing).
+OUTCOME: Columns = {"status": _TEXT, "error": _TEXT, "traceback": _TEXT, "missing": _TEXT}
 
 #: What determines the row (:class:`bgn.results.provenance.Origin`) and what it was computed with.
 PROVENANCE: Columns = {
@@ -87,6 +88,8 @@ RUN_METRICS = (
     "wall_seconds",
     "cpu_seconds",
 )
+#: Metrics of a run whose final policy was evaluated in physics.
+PHYSICS_METRICS = ("physics_success", "physics_success_se", "physics_length", "physics_episodes")
 #: Metrics every finished reference row has.
 REFERENCE_METRICS = ("return", "return_se", "return_sd")
 
@@ -117,6 +120,13 @@ def row(identity: Columns, values: Mapping[str, Any], metrics: Mapping[str, floa
         return pa.Table.from_pylist([filled], schema=pa.schema(fields))
     except (pa.ArrowInvalid, pa.ArrowTypeError) as error:
         raise SchemaError(f"row {values.get('run')}: {error}") from error
+
+
+def filled_in(table: pa.Table, metrics: Mapping[str, float], columns: Mapping[str, str | None]) -> pa.Table:
+    """Return a one-row table with the metrics it lacked, ``columns`` replaced, and nothing missing any more."""
+    values = {**table.to_pylist()[0], **metrics, **columns, "missing": None}
+    added = [pa.field(name, _REAL) for name in metrics if name not in table.column_names]
+    return pa.Table.from_pylist([values], schema=pa.schema([*table.schema, *added]))
 
 
 def check_metrics(run: str, metrics: Mapping[str, float], needed: Iterable[str]) -> None:
