@@ -180,7 +180,8 @@ def test_the_gpu_gets_cells_and_the_cpu_planners_and_physics(
     store = Store(tmp_path / "smoke" / registry.load().defaults.preset)
     runs = store.read("runs")
     assert set(runs["device"]) == {"cuda"}
-    assert len(runs) == 12
+    benchmark = registry.load()
+    assert len(runs) == len(benchmark.agents) * benchmark.budgets["smoke"].seeds
     assert runs["missing"].isna().all()
     assert (runs["physics_success"] == 0.25 + runs["seed"]).all()  # by the task of its own
     assert set(store.read("references")["reference"]) == {"random", "perfect"}
