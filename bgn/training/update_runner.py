@@ -13,9 +13,14 @@ BLOCK = 64
 
 
 class UpdateRunner:
-    """Runs the updates of one learner, in order or from where a checkpoint left off; :meth:`close` it in the end."""
+    """Runs the updates of one learner, in order or from where a checkpoint left off; :meth:`close` it in the end.
 
-    def __init__(self, learner: Learner, total_updates: int, *, tf32: bool = False) -> None:
+    On a GPU an update is captured as one CUDA graph, unless ``capture`` is false.
+    """
+
+    def __init__(
+        self, learner: Learner, total_updates: int, *, tf32: bool = False, capture: bool | None = None
+    ) -> None:
         self.learner, self.shape = learner, learner.shape
         device = learner.device
         self._streams = RandomStreams(learner.seeds, Purpose.TRAINING, device)
@@ -25,8 +30,8 @@ class UpdateRunner:
         self._variates = torch.zeros(steps, len(learner.seeds) * lanes, width, device=device)
         self._scheduled = torch.zeros_like(self._schedule[0])
         self._graph: Graph | None = None
-        self._on_gpu = device.type == "cuda"
-        if self._on_gpu:
+        self._captures = device.type == "cuda" if capture is None else capture
+        if device.type == "cuda":
             torch.backends.cuda.matmul.allow_tf32 = tf32
 
     def update(self, index: int) -> None:
@@ -38,7 +43,7 @@ class UpdateRunner:
             The update cannot be captured; the process cannot use the device any more.
         """
         self._feed(index)
-        if not self._on_gpu:
+        if not self._captures:
             self.learner.update(self._variates, self._scheduled)
             return
         if self._graph is None:

@@ -172,17 +172,13 @@ class OnAGpu:
         self.inner.update(variates, scheduled)
 
 
-def runner_on_a_gpu(monkeypatch: pytest.MonkeyPatch) -> tuple[UpdateRunner, OnAGpu]:
+def runner_on_a_gpu() -> tuple[UpdateRunner, OnAGpu]:
     stack = OnAGpu(learner("ab-cb", "top-plate", (1, 2), lanes=2, rollout=2))
-    runner = UpdateRunner(stack, 10)
-    monkeypatch.setattr(runner, "_on_gpu", True)
-    return runner, stack
+    return UpdateRunner(stack, 10, capture=True), stack
 
 
-def test_an_update_is_captured_once_on_the_threads_stream_and_then_replayed(
-    fake: FakeCuda, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    runner, stack = runner_on_a_gpu(monkeypatch)
+def test_an_update_is_captured_once_on_the_threads_stream_and_then_replayed(fake: FakeCuda) -> None:
+    runner, stack = runner_on_a_gpu()
     with own_stream(GPU):
         for i in range(5):
             runner.update(i)
@@ -197,8 +193,8 @@ def test_an_update_is_captured_once_on_the_threads_stream_and_then_replayed(
         assert graph.resets == 1
 
 
-def test_capturing_leaves_the_state_as_it_was(fake: FakeCuda, monkeypatch: pytest.MonkeyPatch) -> None:
-    runner, stack = runner_on_a_gpu(monkeypatch)
+def test_capturing_leaves_the_state_as_it_was(fake: FakeCuda) -> None:
+    runner, stack = runner_on_a_gpu()
     before = {name: tensor.clone() for name, tensor in stack.state().items()}
     with own_stream(GPU):
         runner.update(0)  # the pretended replay does nothing
@@ -218,8 +214,8 @@ def test_captures_take_turns(fake: FakeCuda) -> None:
     assert len({stream for stream, _ in fake.captures}) == 8
 
 
-def test_a_failed_capture_loses_the_device(fake: FakeCuda, monkeypatch: pytest.MonkeyPatch) -> None:
-    runner, _ = runner_on_a_gpu(monkeypatch)
+def test_a_failed_capture_loses_the_device(fake: FakeCuda) -> None:
+    runner, _ = runner_on_a_gpu()
     fake.failing = True
     with own_stream(GPU), pytest.raises(DeviceLostError, match="cannot capture an update: CUDA error"):
         runner.update(0)
