@@ -19,7 +19,7 @@ from bgn.pomdp import _patterns
 from bgn.pomdp._assembly import assemble
 from bgn.pomdp._declarations import Declarations
 from bgn.pomdp._entries import Entry, of_rule, of_run
-from bgn.pomdp._errors import PomdpFormatError
+from bgn.pomdp._errors import PomdpFormatError, without_comments
 from bgn.pomdp._limits import MAX_BYTES, Limits
 from bgn.pomdp.model import POMDP
 
@@ -96,8 +96,16 @@ def _parse(text: str) -> tuple[list[_Statement], list[_Statement]]:
         if error.token.type == "$END":
             raise _syntax_error("", error.expected, *_end(text)) from None
         place = error.token.line or 1, error.token.column or 1
-        raise _syntax_error(str(error.token), error.expected, *place) from None
+        raise _syntax_error(_first(error.token), error.expected, *place) from None
     return cast("_File", preamble).children, cast("_File", entries).children
+
+
+def _first(token: Token) -> str:
+    """Return the beginning of a token that is a run: the first entry's head, or the first word."""
+    if token.type == "ENTRIES":
+        return next(of_run(str(token), Token(token.type, str(token), start_pos=0))).head
+    words = without_comments(token)
+    return words.split()[0] if token.type in ("NAMES", "STATES") else words
 
 
 def _syntax_error(found: str, expected: Iterable[str], line: int, column: int) -> PomdpFormatError:
