@@ -11,18 +11,20 @@ from collections.abc import Generator, Sequence
 
 from rich.console import Console
 
-from benchmarks import local_executor, plan, progress, registry, report, stream_executor
+from benchmarks import plan, progress, registry, report
 from benchmarks.events import Event
+from benchmarks.executors import processes, streams
 from benchmarks.plan import Selection, State
 from benchmarks.registry import Registry, RegistryError
 from benchmarks.tasks import CellTask, ReferenceTask, Task, Tools
 from bgn.domains import UnknownDomainError
+from bgn.errors import BgnError
 from bgn.results.store import StoreError
 
 _FAILED, _USAGE, _INTERRUPTED = 1, 2, 130
 
 
-class DeviceError(RuntimeError):
+class DeviceError(BgnError, RuntimeError):
     """The device that was asked for is not there."""
 
 
@@ -82,12 +84,12 @@ def _check_device(device: str) -> None:
 def _execute(tasks: Sequence[Task], options: argparse.Namespace, tools: Tools) -> Generator[Event]:
     """Do all tasks: on the CPU in processes; on a GPU the cells in threads, the planners before them."""
     if options.device == "cpu":
-        yield from local_executor.run_tasks(tasks, jobs=options.jobs, tools=tools)
+        yield from processes.run_tasks(tasks, jobs=options.jobs, tools=tools)
         return
     planners = [task for task in tasks if isinstance(task, ReferenceTask)]
     cells = [task for task in tasks if isinstance(task, CellTask)]
-    yield from local_executor.run_tasks(planners, jobs=options.jobs, tools=tools)
-    yield from stream_executor.run_tasks(cells, jobs=options.jobs, tools=tools)
+    yield from processes.run_tasks(planners, jobs=options.jobs, tools=tools)
+    yield from streams.run_tasks(cells, jobs=options.jobs, tools=tools)
 
 
 def _show_status(selection: Selection, options: argparse.Namespace, console: Console) -> int:

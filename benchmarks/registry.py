@@ -11,6 +11,7 @@ from typing import Any, Literal, get_type_hints
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model, model_validator
 
 from bgn.agents.hyperparameters import Hyperparameters
+from bgn.errors import BgnError
 from bgn.training.cell import CellSpec
 
 DEFAULT_PATH = pathlib.Path(__file__).with_name("registry.toml")
@@ -20,7 +21,7 @@ Metric = Literal["greedy_return", "sampled_return", "train_return", "train_succe
 _HYPERPARAMETER_NAMES = tuple(field.name for field in dataclasses.fields(Hyperparameters))
 
 
-class RegistryError(ValueError):
+class RegistryError(BgnError, ValueError):
     """The registry (or a name looked up in it) is wrong; the message says where and what is known."""
 
 

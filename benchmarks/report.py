@@ -12,11 +12,11 @@ from rich.console import Console
 from benchmarks.plan import Selection, State, Status
 from bgn import domains
 from bgn.agents.specs import AGENTS
-from bgn.results import cells, figures, tables
-from bgn.results.cells import DomainRow
-from bgn.results.grids import Grid
+from bgn.analysis import cells, figures, tables
+from bgn.analysis.cells import DomainRow
+from bgn.analysis.tables import Evidence
+from bgn.analysis.text_table import Grid
 from bgn.results.store import Store, write_bytes, write_parquet
-from bgn.results.tables import Evidence
 
 #: Columns that the widest table needs.
 TABLE_WIDTH = 140

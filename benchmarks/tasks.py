@@ -42,7 +42,7 @@ def train_cell(spec: CellSpec, seeds: Sequence[int], **options: Any) -> list[Run
 
 def save_policy(path: pathlib.Path, spec: CellSpec, tensors: Mapping[str, Any]) -> None:
     """Write a trained policy that needs only the history to act."""
-    from bgn.agents.policy import save_policy as save
+    from bgn.policies.saved import save_policy as save
 
     save(
         path,

@@ -12,10 +12,10 @@ import pytest
 from benchmarks.speed.timing import measure
 from benchmarks.speed.workloads import POMDP_FILES, Filtering, compiling, loading, repeated
 from bgn import domains
-from bgn.domains.physics.compile import compile_hidden
-from bgn.domains.physics.top_plate import TopPlateScene
-from bgn.domains.physics.two_bumps_1d import TwoBumps1DScene
-from bgn.domains.physics.two_bumps_2d import TwoBumps2DScene
+from bgn.physics.compile import compile_hidden
+from bgn.physics.top_plate import TopPlateScene
+from bgn.physics.two_bumps_1d import TwoBumps1DScene
+from bgn.physics.two_bumps_2d import TwoBumps2DScene
 from bgn.pomdp.belief import update
 
 if TYPE_CHECKING:

@@ -19,6 +19,8 @@ from statistics import median
 
 from rich.table import Table
 
+from bgn.errors import BgnError
+
 ROOT = Path(__file__).parents[2]
 WORKLOADS = Path(__file__).with_name("workloads.py")
 #: A slowdown beyond this factor fails; ratios of single turns vary by ten per cent or two.
@@ -27,7 +29,7 @@ ROUNDS = 15
 MAIN = "main"
 
 
-class CompareError(RuntimeError):
+class CompareError(BgnError, RuntimeError):
     """There is nothing to compare with; the message says why."""
 
 

@@ -10,12 +10,14 @@ from typing import Any
 
 from rich.table import Table
 
+from bgn.errors import BgnError
+
 #: The authors' code: env-steps/s x seconds of the calibration kernel measured beside it (Hallway: 1,451/s at
 #: 183 µs and 1,152/s at 208 µs; RockSample[5,5]: 386/s at 205 µs).
 AUTHORS_STEPS_PER_KERNEL = {"hallway/ah-ch+bgn": 0.25, "rocksample-5-5/ah-ch+bgn": 0.079}
 
 
-class SuiteError(RuntimeError):
+class SuiteError(BgnError, RuntimeError):
     """There is no (or no readable) result of the speed suite."""
 
 

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
 
+from bgn.errors import InputError
+
 InputKind = Literal["history", "belief", "state"]
 
 
@@ -49,5 +51,5 @@ AGENTS: MappingProxyType[str, AgentSpec] = MappingProxyType({spec.id: spec for s
 def agent(agent_id: str) -> AgentSpec:
     """Look an agent up; an unknown id raises a ``KeyError`` that lists the known ones."""
     if agent_id not in AGENTS:
-        raise KeyError(f"unknown agent {agent_id!r}; known: {', '.join(AGENTS)}")
+        raise InputError(f"unknown agent {agent_id!r}; known: {', '.join(AGENTS)}")
     return AGENTS[agent_id]

@@ -6,8 +6,8 @@ as one state (57).
 
 from __future__ import annotations
 
-from bgn.domains._grid_navigation import CorridorMap, build_layout, build_model
 from bgn.domains.domain import Domain
+from bgn.domains.grid_navigation import CorridorMap, build_layout, build_model
 from bgn.domains.registry import register
 
 MAP = CorridorMap(

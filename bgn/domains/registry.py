@@ -9,15 +9,13 @@ from collections.abc import Callable
 from functools import cache, lru_cache
 
 from bgn.domains.domain import Domain
+from bgn.errors import BgnError, InputError
 
 _BUILDERS: dict[str, Callable[..., Domain]] = {}
 
 
-class UnknownDomainError(KeyError):
+class UnknownDomainError(BgnError, KeyError):
     """No module registers a domain of that id."""
-
-    def __str__(self) -> str:
-        return str(self.args[0])
 
 
 def register(domain_id: str) -> Callable[[Callable[..., Domain]], Callable[..., Domain]]:
@@ -25,7 +23,7 @@ def register(domain_id: str) -> Callable[[Callable[..., Domain]], Callable[..., 
 
     def decorate(builder: Callable[..., Domain]) -> Callable[..., Domain]:
         if domain_id in _BUILDERS:
-            raise ValueError(f"domain {domain_id!r} is registered twice")
+            raise InputError(f"domain {domain_id!r} is registered twice")
         _BUILDERS[domain_id] = builder
         return builder
 
@@ -55,7 +53,7 @@ def get(domain_id: str, **variant: str | int | float | bool) -> Domain:
     known = inspect.signature(builder).parameters
     for name in variant:
         if name not in known:
-            raise ValueError(f"{domain_id} has no variant {name!r}; known: {', '.join(known) or 'none'}")
+            raise InputError(f"{domain_id} has no variant {name!r}; known: {', '.join(known) or 'none'}")
     return builder(**variant)
 
 

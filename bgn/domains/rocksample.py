@@ -13,9 +13,10 @@ from math import dist, log
 
 import numpy as np
 
-from bgn.domains._layout import GridLayout
 from bgn.domains.domain import Domain
+from bgn.domains.layout import GridLayout
 from bgn.domains.registry import register
+from bgn.errors import InputError
 from bgn.pomdp.model import MOMDP, POMDP, sparse_rows
 
 Cell = tuple[int, int]
@@ -43,15 +44,15 @@ class RockSample:
 
     def __post_init__(self) -> None:
         if self.n < 1:
-            raise ValueError(f"a grid of n = {self.n}; n must be at least 1")
+            raise InputError(f"a grid of n = {self.n}; n must be at least 1")
         cells = {(x, y) for x in range(self.n) for y in range(self.n)}
         for what, cell in (*(("rock", rock) for rock in self.rocks), ("start", self.start)):
             if cell not in cells:
-                raise ValueError(f"{what} cell {cell} is outside the {self.n} x {self.n} grid")
+                raise InputError(f"{what} cell {cell} is outside the {self.n} x {self.n} grid")
         if len(set(self.rocks)) != len(self.rocks):
-            raise ValueError(f"two rocks share a cell: {self.rocks}")
+            raise InputError(f"two rocks share a cell: {self.rocks}")
         if not self.half_efficiency_distance > 0:
-            raise ValueError(f"half_efficiency_distance {self.half_efficiency_distance} is not positive")
+            raise InputError(f"half_efficiency_distance {self.half_efficiency_distance} is not positive")
 
     @property
     def n_qualities(self) -> int:

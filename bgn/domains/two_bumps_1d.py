@@ -11,7 +11,8 @@ from typing import Final
 
 import numpy as np
 
-from bgn.domains._finger import (
+from bgn.domains.domain import Domain, Features
+from bgn.domains.factored import (
     REPORT_DISCOUNT,
     TRAINING_DISCOUNT,
     Booleans,
@@ -23,8 +24,8 @@ from bgn.domains._finger import (
     check_variant,
     join_features,
 )
-from bgn.domains._outcomes import SHIPPED, load
-from bgn.domains.domain import Domain, Features
+from bgn.domains.layout import TouchLayout
+from bgn.domains.outcome_table import SHIPPED, load
 from bgn.domains.registry import register
 
 CELLS: Final = 15
@@ -74,6 +75,12 @@ def build(*, variant: Variant = "paper") -> Domain:
         report_discount=REPORT_DISCOUNT,
         features=Features(observation=observed, observed=observed, state=join_features(observed, hidden)),
         prior=_uniform_prior(free) if authors else None,
+        layout=TouchLayout(
+            shape=(1, CELLS),
+            finger=np.arange(CELLS * BINS) // BINS,
+            objects=("left bump", "right bump"),
+            places=np.array(PAIRS),
+        ),
     )
 
 

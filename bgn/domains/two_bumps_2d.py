@@ -13,7 +13,8 @@ from typing import Final
 
 import numpy as np
 
-from bgn.domains._finger import (
+from bgn.domains.domain import Domain, Features
+from bgn.domains.factored import (
     REPORT_DISCOUNT,
     TRAINING_DISCOUNT,
     Booleans,
@@ -24,8 +25,8 @@ from bgn.domains._finger import (
     check_variant,
     join_features,
 )
-from bgn.domains._outcomes import SHIPPED, load
-from bgn.domains.domain import Domain, Features
+from bgn.domains.layout import TouchLayout
+from bgn.domains.outcome_table import SHIPPED, load
 from bgn.domains.registry import register
 
 SIDE: Final = 4
@@ -82,6 +83,12 @@ def build(*, variant: Variant = "paper") -> Domain:
         report_discount=REPORT_DISCOUNT,
         features=_features(flags_in_state=not authors),
         elimination=_elimination() if authors else None,
+        layout=TouchLayout(
+            shape=(SIDE, SIDE),
+            finger=np.arange(READINGS * FLAGS) // FLAGS // BINS,
+            objects=("large bump", "small bump"),
+            places=np.array(PAIRS),
+        ),
     )
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bgn.errors import InputError
 from bgn.pomdp.model import Floats
 
 
@@ -25,13 +26,13 @@ class AlphaVectors:
 
     def __post_init__(self) -> None:
         if self.vectors.ndim != 2 or self.vectors.size == 0:
-            raise ValueError(f"alpha vectors of shape {self.vectors.shape}; there must be one at least")
+            raise InputError(f"alpha vectors of shape {self.vectors.shape}; there must be one at least")
         if self.actions.shape != self.vectors.shape[:1]:
-            raise ValueError(f"{self.actions.size} actions for {len(self.vectors)} alpha vectors")
+            raise InputError(f"{self.actions.size} actions for {len(self.vectors)} alpha vectors")
         if not np.isfinite(self.vectors).all():
-            raise ValueError("alpha vectors must be finite")
+            raise InputError("alpha vectors must be finite")
         if self.actions.min() < 0:
-            raise ValueError(f"an alpha vector has action {self.actions.min()}")
+            raise InputError(f"an alpha vector has action {self.actions.min()}")
 
     def __len__(self) -> int:
         return len(self.vectors)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from bgn.errors import InputError
 from bgn.pomdp.model import MOMDP, POMDP, Floats
 
 Convention = Literal["clean", "hidden-first-action"]
@@ -46,11 +47,11 @@ def start_beliefs(model: POMDP | MOMDP, convention: Convention = "clean") -> tup
         Unknown convention, or a hidden first action in a mixed-observability model.
     """
     if convention not in get_args(Convention):
-        raise ValueError(f"unknown convention {convention!r}; known: {', '.join(get_args(Convention))}")
+        raise InputError(f"unknown convention {convention!r}; known: {', '.join(get_args(Convention))}")
     joint, n_observed = (model.joint, model.n_observed) if isinstance(model, MOMDP) else (model, 1)
     if convention == "hidden-first-action":
         if n_observed > 1:
-            raise ValueError("a mixed-observability model shows its start: it has no hidden first action")
+            raise InputError("a mixed-observability model shows its start: it has no hidden first action")
         unnormalised = [
             (joint.start @ joint.transitions[a]) * column / joint.n_actions
             for a in range(joint.n_actions)

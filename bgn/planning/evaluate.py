@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bgn.errors import InputError
 from bgn.planning import _episodes
 from bgn.planning.alpha_vectors import AlphaVectors
 from bgn.planning.compiled import compile_model
@@ -67,7 +68,7 @@ def evaluate(
     """
     joint = model.joint if isinstance(model, MOMDP) else model
     if episodes < 2 or limit < 1:
-        raise ValueError(f"{episodes} episodes of at most {limit} steps; there must be 2 and 1 at least")
+        raise InputError(f"{episodes} episodes of at most {limit} steps; there must be 2 and 1 at least")
     if isinstance(policy, AlphaVectors):
         _check_fits(policy, joint)
     starts = start_beliefs(model, convention)
@@ -92,8 +93,8 @@ def evaluate(
 
 def _check_fits(policy: AlphaVectors, model: POMDP) -> None:
     if policy.vectors.shape[1] != model.n_states:
-        raise ValueError(
+        raise InputError(
             f"the policy is for {policy.vectors.shape[1]} states, the model has {model.n_states}"
         )
     if policy.actions.max() >= model.n_actions:
-        raise ValueError(f"the policy takes action {policy.actions.max()}; the model has {model.n_actions}")
+        raise InputError(f"the policy takes action {policy.actions.max()}; the model has {model.n_actions}")

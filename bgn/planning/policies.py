@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bgn.errors import InputError
 from bgn.planning.alpha_vectors import AlphaVectors
 from bgn.planning.bounds import fast_informed, mdp_values
 from bgn.planning.compiled import CompiledModel
@@ -30,7 +31,7 @@ def always(model: POMDP, action: str) -> AlphaVectors:
         The model has no action of that name.
     """
     if action not in model.action_names:
-        raise ValueError(f"no action {action!r}; known: {', '.join(model.action_names)}")
+        raise InputError(f"no action {action!r}; known: {', '.join(model.action_names)}")
     index = model.action_names.index(action)
     return AlphaVectors(vectors=np.zeros((1, model.n_states)), actions=np.array([index]))
 

@@ -13,13 +13,14 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from bgn.errors import BgnError
 from bgn.planning.alpha_vectors import AlphaVectors
 from bgn.pomdp.model import Floats
 
 _XSI = "http://www.w3.org/2001/XMLSchema-instance"
 
 
-class PolicyFormatError(ValueError):
+class PolicyFormatError(BgnError, ValueError):
     """A file that is not a policy of alpha vectors; the message says where and what was expected."""
 
 

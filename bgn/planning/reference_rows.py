@@ -6,6 +6,7 @@ import math
 from functools import lru_cache
 
 from bgn.domains import Domain
+from bgn.errors import InputError
 from bgn.planning.alpha_vectors import AlphaVectors
 from bgn.planning.compiled import compile_model
 from bgn.planning.deterministic import solve_deterministic
@@ -55,7 +56,7 @@ def evaluate_reference(
     """
     if reference_id not in reference_ids(domain):
         known = ", ".join(reference_ids(domain))
-        raise ValueError(f"no reference policy {reference_id!r} for {domain.id}; known: {known}")
+        raise InputError(f"no reference policy {reference_id!r} for {domain.id}; known: {known}")
     if reference_id == "perfect":
         return _perfect(domain)
     policy, metrics = _plan(reference_id, domain, convention, timeout)

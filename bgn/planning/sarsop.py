@@ -18,6 +18,7 @@ from typing import Any, Literal
 import numpy as np
 from scipy import sparse
 
+from bgn.errors import BgnError
 from bgn.planning import _kernels as kernels
 from bgn.planning.alpha_vectors import AlphaVectors
 from bgn.planning.bounds import blind_policies, fast_informed, value_scale
@@ -33,7 +34,7 @@ PRUNE_GROWTH = 0.25
 DELTA = 1e-4
 
 
-class PlanningError(ValueError):
+class PlanningError(BgnError, ValueError):
     """A request that cannot be met; the message says why and what would be possible."""
 
 

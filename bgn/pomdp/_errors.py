@@ -6,11 +6,13 @@ import re
 
 from lark import Token
 
+from bgn.errors import BgnError
+
 _COMMENT = re.compile(r"#[^\n]*")
 _SHOWN = 40
 
 
-class PomdpFormatError(ValueError):
+class PomdpFormatError(BgnError, ValueError):
     """Not a valid .pomdp model: ``message``, found at ``line`` and ``column`` (from 1) of ``source``."""
 
     def __init__(self, message: str, line: int, column: int, source: str = "<string>") -> None:

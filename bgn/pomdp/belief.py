@@ -10,10 +10,11 @@ from __future__ import annotations
 import numpy as np
 from scipy import sparse
 
+from bgn.errors import BgnError
 from bgn.pomdp.model import MOMDP, POMDP, Floats
 
 
-class ImpossibleObservationError(ValueError):
+class ImpossibleObservationError(BgnError, ValueError):
     """The model gives what was observed probability zero under the belief; there is no posterior."""
 
 

@@ -14,13 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from bgn.errors import BgnError
+
 Floats = NDArray[np.float64]
 
 #: How far a probability distribution's sum may be from one (the file format prints few decimals).
 SUM_TOLERANCE = 1e-5
 
 
-class ModelError(ValueError):
+class ModelError(BgnError, ValueError):
     """A model whose arrays contradict each other; the message says which and how."""
 
 

@@ -13,6 +13,8 @@ from typing import Any, Final, Literal
 import pandas as pd
 import pyarrow as pa
 
+from bgn.errors import BgnError
+
 Columns = Mapping[str, pa.DataType]
 
 #: How an episode of a reference policy opens: it chooses every action, or an unseen random one comes first.
@@ -99,7 +101,7 @@ CURVE_COLUMNS = (
 )
 
 
-class SchemaError(ValueError):
+class SchemaError(BgnError, ValueError):
     """A result lacks a column, or has one of the wrong type; the message names both."""
 
 

@@ -24,11 +24,13 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from bgn.errors import BgnError
+
 Kind = Literal["runs", "curves", "references"]
 _FAILED = ".failed"
 
 
-class StoreError(RuntimeError):
+class StoreError(BgnError, RuntimeError):
     """The store cannot be read or written; the message names the file and what to do."""
 
 

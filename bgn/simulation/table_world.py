@@ -20,7 +20,7 @@ import torch
 from torch import Tensor
 
 from bgn.domains.domain import Domain
-from bgn.simulation._tables import WorldTables, compile_tables
+from bgn.simulation.compiled_tables import WorldTables, compile_tables
 
 #: Uniform variates a lane consumes per step: successor, observation, and four for a possible new episode.
 STEP_VARIATES = 2

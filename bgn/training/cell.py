@@ -49,7 +49,7 @@ class RunResult:
     where physics was run; ``env_steps_per_second``,
     ``wall_seconds``, ``cpu_seconds`` (this run's share of its stack)."""
     policy: Mapping[str, Tensor]
-    """The trained actor's parameters by name, without the seed axis; see :mod:`bgn.agents.policy`."""
+    """The trained actor's parameters by name, without the seed axis; see :mod:`bgn.policies.saved`."""
 
 
 @dataclass(frozen=True)

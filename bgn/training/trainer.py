@@ -16,8 +16,9 @@ from torch import Tensor
 
 from bgn import domains
 from bgn.agents.networks import AgentNetworks
-from bgn.agents.policy import Policy
 from bgn.agents.specs import agent
+from bgn.errors import BgnError
+from bgn.policies.saved import Policy
 from bgn.training import checkpoint as checkpoints
 from bgn.training.cell import CellSpec, Progress, RunResult
 from bgn.training.evaluation import evaluate
@@ -32,7 +33,7 @@ PROGRESS_SECONDS = 0.3
 OnProgress = Callable[[Progress], None]
 
 
-class CheckpointMismatchError(ValueError):
+class CheckpointMismatchError(BgnError, ValueError):
     """A checkpoint that belongs to other work than what is to be resumed from it."""
 
 
@@ -174,7 +175,7 @@ class _Stack:
         if episodes == 0:
             return {}
         # Imported here because only robot domains need MuJoCo.
-        from bgn.simulation.physics_world import evaluate_in_physics
+        from bgn.physics.world import evaluate_in_physics
 
         settings = self.spec.hyperparameters
         policy = Policy(tensors, self.domain, self.spec.agent, settings, greedy=False)

@@ -10,6 +10,7 @@ from bgn import domains
 from bgn.agents.hyperparameters import Hyperparameters
 from bgn.agents.networks import AgentNetworks, Memory
 from bgn.agents.specs import AGENTS, agent
+from bgn.errors import InputError
 from bgn.simulation.table_world import START_VARIATES, STEP_VARIATES, TableWorld
 
 CPU = torch.device("cpu")
@@ -197,5 +198,5 @@ def test_parameters_refuse_what_does_not_fit():
 
 
 def test_unknown_agents_list_the_known_ones():
-    with pytest.raises(KeyError, match=r"unknown agent 'ah'; known: ah-ch, ah-ch\+bgn, ah-cs"):
+    with pytest.raises(InputError, match=r"unknown agent 'ah'; known: ah-ch, ah-ch\+bgn, ah-cs"):
         agent("ah")

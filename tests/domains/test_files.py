@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bgn import domains, pomdp
-from bgn.domains.__main__ import main
+from bgn.__main__ import main
 
 COMMITTED = Path(__file__).parents[2] / "data" / "pomdp_files"
 IDS = ["hallway", "hallway-2", "rocksample-4-4", "rocksample-5-5"]
@@ -55,7 +55,7 @@ def test_a_file_is_its_domain(written, domain_id):
 
 def test_list_shows_every_domain_and_the_papers_sizes(monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", "120")
-    assert main(["list"]) == 0
+    assert main(["domains"]) == 0
     shown = capsys.readouterr().out
     assert all(domain_id in shown for domain_id in domains.ids())
     assert "801 (807)" in shown
@@ -64,13 +64,11 @@ def test_list_shows_every_domain_and_the_papers_sizes(monkeypatch, capsys):
 
 def test_a_folder_that_cannot_be_written_is_an_error(tmp_path, capsys):
     (tmp_path / "file").write_text("")
-    assert main(["write", "--out", str(tmp_path / "file")]) == 1
+    assert main(["write", "--out", str(tmp_path / "file")]) == 2
     assert capsys.readouterr().err.startswith("error: ")
 
 
 def test_an_unknown_command_is_refused():
-    run = subprocess.run(
-        [sys.executable, "-m", "bgn.domains", "paint"], capture_output=True, text=True, check=False
-    )
+    run = subprocess.run([sys.executable, "-m", "bgn", "paint"], capture_output=True, text=True, check=False)
     assert run.returncode == 2
     assert "invalid choice: 'paint'" in run.stderr

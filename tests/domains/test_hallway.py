@@ -5,7 +5,7 @@ import pytest
 from scipy.sparse.csgraph import breadth_first_order
 
 from bgn import domains
-from bgn.domains import _grid_navigation as grid
+from bgn.domains import grid_navigation as grid
 from bgn.domains.hallway import MAP
 from bgn.domains.hallway2 import MAP as MAP2
 

@@ -92,13 +92,13 @@ def test_what_a_training_run_depends_on() -> None:
         "bgn.results",
         "bgn.planning",
         "bgn.domains.hallway",
-        "bgn.domains.physics",
-        "bgn.simulation.film",
+        "bgn.physics",
+        "bgn.pictures.film",
     )
     assert not [name for name in modules if name.startswith(unrelated)]
     with_physics = set(provenance._closure(provenance.TRAINING_CODE, None, root))
     assert provenance.PHYSICS_CODE in with_physics - modules
-    assert "bgn.domains.physics.top_plate" in with_physics
+    assert "bgn.physics.top_plate" in with_physics
 
 
 def test_spec_hash_sees_every_field() -> None:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy import sparse, stats
 
 from bgn import domains
-from bgn.simulation._tables import MAX_LISTED_PREDECESSORS
+from bgn.simulation.compiled_tables import MAX_LISTED_PREDECESSORS
 from bgn.simulation.table_world import START_VARIATES, STEP_VARIATES, TableWorld
 from tests.pomdp._models import random_model
 from tests.simulation._reference import Checker, domain_of

@@ -1,0 +1,1 @@
+"""Where tasks run: worker processes, or the streams of one GPU."""

@@ -1,0 +1,1 @@
+"""Judging what is stored: the paper's numbers, statistics, verdicts, tables, figures."""

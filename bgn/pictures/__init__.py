@@ -1,0 +1,1 @@
+"""What people look at: maps, belief panels, pictures of the physics, films."""

@@ -1,0 +1,1 @@
+"""Who acts on a history: random, scripted and saved policies behind one protocol."""

@@ -1,0 +1,205 @@
+"""What a finished run leaves to be executed: the actor's parameters with what they were trained for.
+
+A saved history policy acts on observations and its own actions alone, as on a robot. Policies of belief
+agents act on the same inputs through a belief filter, so that they can be evaluated the same way.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+import safetensors
+import safetensors.torch
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from bgn import domains
+from bgn.agents.hyperparameters import Hyperparameters
+from bgn.agents.networks import AgentNetworks
+from bgn.agents.specs import agent
+from bgn.domains.domain import Domain
+from bgn.errors import BgnError
+from bgn.simulation.belief_rules import next_belief, start_belief
+from bgn.simulation.table_world import Inputs
+
+FORMAT = "bgn-policy-1"
+
+
+class PolicyFileError(BgnError, ValueError):
+    """A file that is not a saved policy; the message says what is wrong with it."""
+
+
+def save_policy(
+    path: Path,
+    tensors: Mapping[str, Tensor],
+    *,
+    domain: str,
+    agent: str,
+    hyperparameters: Hyperparameters,
+    variant: Mapping[str, str | int | float | bool] | None = None,
+) -> None:
+    """Write the actor's parameters (:attr:`RunResult.policy`) as a safetensors file with its description."""
+    description = {
+        "format": FORMAT,
+        "domain": domain,
+        "agent": agent,
+        "variant": dict(variant or {}),
+        "hyperparameters": asdict(hyperparameters),
+    }
+    contiguous = {name: tensor.contiguous() for name, tensor in tensors.items()}
+    safetensors.torch.save_file(contiguous, path, metadata={"bgn": json.dumps(description)})
+
+
+class Policy:
+    """One trained actor in one episode.
+
+    Call :meth:`reset` at an episode's start, then :meth:`act` on every observation.
+
+    Parameters
+    ----------
+    tensors
+        The actor's parameters by name.
+    domain, agent_id, hyperparameters
+        What it was trained for.
+    greedy
+        Take the most probable action; otherwise sample with the generator given to :meth:`reset`.
+    """
+
+    def __init__(
+        self,
+        tensors: Mapping[str, Tensor],
+        domain: Domain,
+        agent_id: str,
+        hyperparameters: Hyperparameters,
+        *,
+        greedy: bool = True,
+    ) -> None:
+        self.domain, self.spec, self.greedy = domain, agent(agent_id), greedy
+        self._networks = AgentNetworks(self.spec, domain, hyperparameters, (0,), torch.device("cpu"))
+        missing = self._networks.actor_parameters() - set(tensors)
+        if missing:
+            raise PolicyFileError(f"the policy lacks the parameters {', '.join(sorted(missing))}")
+        self._networks.parameters.load(0, tensors)
+        self._networks.prepare()
+        self._filter = _BeliefTracker(domain) if self.spec.actor == "belief" else None
+        self.reset()
+
+    @classmethod
+    def load(cls, path: Path, *, greedy: bool = True) -> Self:
+        """Read what :func:`save_policy` wrote.
+
+        Raises
+        ------
+        PolicyFileError
+            No such file, or not a policy.
+        """
+        if not path.is_file():
+            raise PolicyFileError(f"{path}: no such policy file")
+        description = describe(path)
+        try:
+            tensors = safetensors.torch.load_file(path)
+            domain = domains.get(description["domain"], **description["variant"])
+            settings = Hyperparameters(**description["hyperparameters"])
+            return cls(tensors, domain, description["agent"], settings, greedy=greedy)
+        except (KeyError, TypeError, ValueError) as error:
+            raise PolicyFileError(f"{path}: {error}") from error
+
+    def reset(self, generator: np.random.Generator | None = None) -> None:
+        """Forget the last episode; ``generator`` draws the actions of a policy that samples."""
+        self._generator = generator or np.random.default_rng(0)
+        self._hidden = torch.zeros(1, 1, self._networks.hidden_width)
+        self._features: Tensor | None = None
+        self._fresh = True
+
+    @torch.no_grad()
+    def act(self, observation: int, last_action: int | None) -> int:
+        """Choose the next action after ``last_action`` (None at a clean start) led to ``observation``."""
+        belief, x = torch.zeros(1, 1), 0
+        if self._filter is not None:
+            self._filter.see(observation, last_action, fresh=self._fresh)
+            belief = torch.from_numpy(self._filter.belief[None].astype(np.float32))
+            x = self._filter.x
+        before = self.domain.model.joint.n_actions if last_action is None else last_action
+        inputs = Inputs(
+            observation=torch.tensor([observation]),
+            last_action=torch.tensor([before]),
+            observed=torch.tensor([x]),
+            state=torch.zeros(1, dtype=torch.int64),
+            belief=belief,
+            fresh=torch.tensor([self._fresh]),
+        )
+        self._fresh = False
+        self._features, self._hidden = self._networks.actor_features(inputs, self._hidden)
+        logits = self._networks.actor.head.forward(self._features)[0, 0]
+        if self.greedy:
+            return int(logits.argmax())
+        probabilities = logits.softmax(-1).double().numpy()
+        return int(self._generator.choice(len(probabilities), p=probabilities / probabilities.sum()))
+
+    @torch.no_grad()
+    def belief(self) -> NDArray[np.float32] | None:
+        """Return the reconstructed belief b̂_Y (Y,) after the last :meth:`act`; None if not grounded."""
+        grounding = self._networks.actor.grounding
+        if grounding is None or self._features is None:
+            return None
+        reconstruction: NDArray[np.float32] = grounding.forward(self._features)[0, 0].softmax(-1).numpy()
+        return reconstruction
+
+
+def describe(path: Path) -> dict[str, Any]:
+    """Return a saved policy's description: domain, agent, variant, hyperparameters.
+
+    Raises
+    ------
+    PolicyFileError
+        Not a policy file.
+    """
+    try:
+        with safetensors.safe_open(path, framework="pt") as file:
+            metadata = file.metadata() or {}
+    except (OSError, safetensors.SafetensorError) as error:
+        raise PolicyFileError(f"{path} is not a safetensors file: {error}") from error
+    try:
+        description = json.loads(metadata.get("bgn", "{}"))
+    except json.JSONDecodeError:
+        description = None
+    if not isinstance(description, dict) or description.get("format") != FORMAT:
+        raise PolicyFileError(f"{path} is not a policy of this project (format {FORMAT!r} expected)")
+    return description
+
+
+class _BeliefTracker:
+    """Tracks (x, b_Y) from observations and actions, for policies that are functions of the belief."""
+
+    def __init__(self, domain: Domain) -> None:
+        self._domain, self._model = domain, domain.model
+        self.x = 0
+        self.belief = np.full(self._model.n_hidden, 1 / self._model.n_hidden)
+
+    def see(self, observation: int, last_action: int | None, *, fresh: bool) -> None:
+        """Take in one observation; on an episode's first, start from the start distribution."""
+        if fresh:
+            self.x = self._arrival(self._model.joint.start, observation, action=0)
+            self.belief = start_belief(self._domain, self.x)
+        if last_action is None or (fresh and not self._domain.hidden_first_action):
+            return
+        here = slice(self.x * self._model.n_hidden, (self.x + 1) * self._model.n_hidden)
+        arrival = self.belief @ self._model.joint.transitions[last_action][here]
+        x_next = self._arrival(arrival, observation, last_action)
+        self.belief = next_belief(
+            self._domain, self.belief, last_action, observation, x=self.x, x_next=x_next
+        )
+        self.x = x_next
+
+    def _arrival(self, probability: NDArray[np.float64], observation: int, action: int) -> int:
+        """Return the x that an observation leaves possible among states of these probabilities."""
+        if self._model.n_observed == 1:
+            return 0
+        seen = self._model.joint.observations[action][:, [observation]].toarray()[:, 0]
+        return int((probability * seen).reshape(self._model.n_observed, -1).sum(axis=1).argmax())
