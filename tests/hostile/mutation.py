@@ -35,6 +35,15 @@ def mutate(content: bytes, seed: int, pieces: Sequence[bytes] = ()) -> bytes:
     return bytes(damaged)
 
 
+def refusal(call: Callable[[], object], error: type[Exception]) -> str | None:
+    """Return the message of the error that a call raises, None if it raises none; others pass through."""
+    try:
+        call()
+    except error as caught:
+        return str(caught)
+    return None
+
+
 def _place(rng: random.Random, content: bytearray) -> int:
     # Headers, at either end, matter most.
     if rng.random() < 0.5:
