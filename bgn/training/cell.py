@@ -65,3 +65,10 @@ class Progress:
     """Mean over the stack's runs."""
     stage: str = "train"
     """``train`` or ``evaluate``."""
+
+
+class Interrupted(BaseException):
+    """What a listener of progress raises to stop the work; not a failure, so not an ``Exception``.
+
+    Where there is a checkpoint, it is written first.
+    """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -20,7 +21,7 @@ from bgn.agents.specs import agent
 from bgn.errors import BgnError
 from bgn.policies.saved import Policy
 from bgn.training import checkpoint as checkpoints
-from bgn.training.cell import CellSpec, Progress, RunResult
+from bgn.training.cell import CellSpec, Interrupted, Progress, RunResult
 from bgn.training.evaluation import evaluate
 from bgn.training.executor import Executor, own_stream
 from bgn.training.learner import Learner
@@ -31,6 +32,7 @@ CHECKPOINT_SECONDS = 30.0
 PROGRESS_SECONDS = 0.3
 
 OnProgress = Callable[[Progress], None]
+_LOG = logging.getLogger(__name__)
 
 
 class CheckpointMismatchError(BgnError, ValueError):
@@ -95,8 +97,13 @@ class _Stack:
         self._resume()
 
     def run(self) -> list[RunResult]:
-        self._train()
-        self._report(stage="evaluate")
+        try:
+            self._train()
+            self._save()  # to evaluate takes long enough to be interrupted, too
+            self._report(stage="evaluate")
+        except Interrupted:
+            self._save()
+            raise
         return [self._result(i, self.learner.networks_of(i)) for i in range(len(self.seeds))]
 
     def _train(self) -> None:
@@ -113,7 +120,7 @@ class _Stack:
                 clock.tick()
                 self._report()
                 reported = now
-            if self.checkpoint is not None and now - saved > CHECKPOINT_SECONDS:
+            if now - saved > CHECKPOINT_SECONDS:
                 clock.tick()
                 self._save()
                 saved = now
@@ -192,23 +199,36 @@ class _Stack:
         return {"spec": spec, "seeds": list(self.seeds)}
 
     def _save(self) -> None:
-        assert self.checkpoint is not None
-        content = self._identity() | {
+        if self.checkpoint is None:
+            return
+        checkpoints.save(self.checkpoint, self._content())
+
+    def _content(self) -> dict[str, Any]:
+        return self._identity() | {
             "state": dict(self.learner.state()),
             "done": self.done,
             "curves": self.curves,
             "seconds": [self.wall_seconds, self.cpu_seconds],
         }
-        checkpoints.save(self.checkpoint, content)
 
     def _resume(self) -> None:
-        content = None if self.checkpoint is None else checkpoints.load(self.checkpoint)
+        if self.checkpoint is None:
+            return
+        try:
+            self._load(self.checkpoint)
+        except checkpoints.DamagedCheckpointError as error:
+            aside = checkpoints.set_aside(self.checkpoint)
+            _LOG.warning("%s; it is set aside as %s, and its runs start over", error, aside.name)
+
+    def _load(self, path: Path) -> None:
+        content = checkpoints.load(path)
         if content is None:
             return
         for key, mine in self._identity().items():
-            if content[key] != mine:
-                found = f"{self.checkpoint} is for other {key}: {content[key]}, not {mine}"
+            if content.get(key, mine) != mine:
+                found = f"{path} is for other {key}: {content[key]}, not {mine}"
                 raise CheckpointMismatchError(f"{found}; delete it to start over")
+        checkpoints.check(path, content, self._content())
         self.learner.load_state(content["state"])
         self.done, self.curves = content["done"], content["curves"]
         self.wall_seconds, self.cpu_seconds = content["seconds"]
