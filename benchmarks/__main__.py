@@ -1,4 +1,9 @@
-"""The command line: ``python -m benchmarks run | status | tables``."""
+"""The command line: ``python -m benchmarks run | status | tables``.
+
+Exit status: 0, all is done; 1, something is missing or failed; 2, wrong options or an unusable store; 3, nothing
+more can be written (disk full or read-only); 130, 143, 129: stopped by Ctrl-C, SIGTERM or SIGHUP, with
+checkpoints written.
+"""
 
 from __future__ import annotations
 
@@ -16,12 +21,14 @@ from benchmarks.events import Event
 from benchmarks.executors import processes, streams
 from benchmarks.plan import Selection, State
 from benchmarks.registry import Registry, RegistryError
+from benchmarks.signals import Stopped, stoppable
 from benchmarks.tasks import CellTask, ReferenceTask, Task, Tools
 from bgn.domains import UnknownDomainError
 from bgn.errors import BgnError
-from bgn.results.store import StoreError
+from bgn.results import quarantine
+from bgn.results.store import StorageError, StoreError, writing_to
 
-_FAILED, _USAGE, _INTERRUPTED = 1, 2, 130
+_FAILED, _USAGE, _STORAGE = 1, 2, 3
 
 
 class DeviceError(BgnError, RuntimeError):
@@ -37,21 +44,27 @@ def main(arguments: Sequence[str] | None = None, *, tools: Tools = Tools()) -> i
         selection = _select(benchmark, options)
         if options.command == "run":
             _check_device(options.device)
-            return _run(selection, options, tools, console)
+            with stoppable():
+                return _run(selection, options, tools, console)
         show = {"status": _show_status, "tables": _show_tables}[options.command]
         return show(selection, options, console)
+    except StorageError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return _STORAGE
     except (RegistryError, StoreError, UnknownDomainError, DeviceError) as error:
         print(f"error: {error}", file=sys.stderr)
         return _USAGE
-    except KeyboardInterrupt:
-        print("interrupted; the same command goes on where this one stopped", file=sys.stderr)
-        return _INTERRUPTED
+    except Stopped as stop:
+        print(f"stopped by {stop.signal.name}; the same command goes on from here", file=sys.stderr)
+        return stop.exit_status
 
 
 def _run(selection: Selection, options: argparse.Namespace, tools: Tools, console: Console) -> int:
     store = selection.store(options.results)
     wanted = selection.wanted()
-    with store.lock():
+    with store.lock(), writing_to(store.root):
+        for damage in quarantine.sweep(store):
+            print(f"{damage}; its run is computed anew", file=sys.stderr)
         lacking = [s.wanted for s in plan.statuses(wanted, store) if s.state is not State.CURRENT]
         tasks = selection.tasks(lacking, store, options.device)
         done = len(wanted) - len(lacking)
@@ -62,7 +75,8 @@ def _run(selection: Selection, options: argparse.Namespace, tools: Tools, consol
                 for event in events:
                     display.note(event)
     statuses = plan.statuses(wanted, store)
-    report.show_tables(selection, store, console)
+    with writing_to(store.root):
+        report.show_tables(selection, store, console)
     if all(status.state is State.CURRENT for status in statuses):
         return 0
     report.show_missing(statuses, console)
@@ -99,7 +113,9 @@ def _show_status(selection: Selection, options: argparse.Namespace, console: Con
 
 
 def _show_tables(selection: Selection, options: argparse.Namespace, console: Console) -> int:
-    report.show_tables(selection, selection.store(options.results), console)
+    store = selection.store(options.results)
+    with writing_to(store.root):
+        report.show_tables(selection, store, console)
     return 0
 
 

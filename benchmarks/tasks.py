@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Protocol
 from bgn.results import provenance, schema
 from bgn.results.provenance import Origin
 from bgn.results.schema import Convention
-from bgn.results.store import Kind, Store, write_atomically
+from bgn.results.store import Kind, StorageError, Store, write_atomically, writing_to
 from bgn.training.cell import CellSpec, Progress, RunResult
 
 ProgressListener = Callable[[Progress], None]
@@ -155,13 +155,22 @@ class Failure:
 
 
 def execute(task: Task, tools: Tools, on_progress: ProgressListener) -> Failure | None:
-    """Do a task and store what it yields; a failure is stored, and returned, not raised."""
+    """Do a task and store what it yields; a failure is stored, and returned, not raised.
+
+    Raises
+    ------
+    StorageError
+        Nothing more can be written, which is not the task's fault.
+    """
     started_at = now()
     try:
-        if isinstance(task, CellTask):
-            _train(task, tools, started_at, on_progress)
-        else:
-            _evaluate(task, tools, started_at)
+        with writing_to(task.store):
+            if isinstance(task, CellTask):
+                _train(task, tools, started_at, on_progress)
+            else:
+                _evaluate(task, tools, started_at)
+    except StorageError:
+        raise
     except Exception as error:
         failure = Failure(f"{type(error).__name__}: {error}", traceback.format_exc(), started_at)
         record_failure(task, failure)
@@ -171,6 +180,11 @@ def execute(task: Task, tools: Tools, on_progress: ProgressListener) -> Failure 
 
 def record_failure(task: Task, failure: Failure) -> None:
     """Store one failed row for every run the task was to yield."""
+    with writing_to(task.store):
+        _record_failure(task, failure)
+
+
+def _record_failure(task: Task, failure: Failure) -> None:
     store = Store(task.store)
     outcome = {"status": "failed", "error": failure.error, "traceback": failure.traceback}
     for values in _rows(task, outcome, failure.started_at):
@@ -228,7 +242,7 @@ def _rows(
         "spec": provenance.spec_json(task.spec),
         "threads": 1,
         "started_at": started_at,
-        "finished_at": now(),
+        "finished_at": max(started_at, now()),  # a clock may be set back
     }
     if isinstance(task, ReferenceTask):
         spec = task.spec

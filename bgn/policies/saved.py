@@ -55,7 +55,7 @@ def save_policy(
         "hyperparameters": asdict(hyperparameters),
     }
     contiguous = {name: tensor.contiguous() for name, tensor in tensors.items()}
-    safetensors.torch.save_file(contiguous, path, metadata={"bgn": json.dumps(description)})
+    path.write_bytes(safetensors.torch.save(contiguous, metadata={"bgn": json.dumps(description)}))
 
 
 class Policy:

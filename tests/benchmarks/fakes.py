@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
+import safetensors.numpy
 
 from benchmarks.tasks import ProgressListener, ReferenceSpec, Tools
 from bgn.results import schema
@@ -58,7 +59,7 @@ def hang_before_checkpoint(
 
 
 def save_policy(path: pathlib.Path, spec: CellSpec, tensors: Mapping[str, object]) -> None:
-    path.write_bytes(spec.agent.encode())
+    path.write_bytes(safetensors.numpy.save({}, metadata={"agent": spec.agent}))
 
 
 def evaluate_reference(spec: ReferenceSpec) -> dict[str, float]:
