@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import pathlib
 import signal
+import sys
 import time
 from collections.abc import Mapping, Sequence
 
@@ -67,6 +69,14 @@ def evaluate_reference(spec: ReferenceSpec) -> dict[str, float]:
     return {"return": value, "return_se": 0.01, "return_sd": 0.3}
 
 
+def say_nothing(spec: ReferenceSpec) -> dict[str, float]:
+    """Work for ever, as deep in compiled code as a planner; its process id is left where a test looks."""
+    folder = pathlib.Path(sys.argv[sys.argv.index("--results") + 1])
+    (folder / "silent.checkpoint").write_text(str(os.getpid()))
+    ctypes.PyDLL(None).pause()  # a PyDLL keeps the interpreter's lock: no thread of this process gets a turn
+    return {}
+
+
 def _result(spec: CellSpec, seed: int) -> RunResult:
     value = 0.5 + 0.01 * seed
     metrics = dict.fromkeys(schema.RUN_METRICS, value)
@@ -76,4 +86,5 @@ def _result(spec: CellSpec, seed: int) -> RunResult:
 
 WORKING = Tools(train_cell, save_policy, evaluate_reference)
 HANGING = Tools(hang_before_checkpoint, save_policy, evaluate_reference)  # type: ignore[arg-type]
+SILENT = Tools(train_cell, save_policy, say_nothing)
 BREAKING = Tools(train_or_fail, save_policy, evaluate_reference)
