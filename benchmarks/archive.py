@@ -13,9 +13,10 @@ from typing import Any, BinaryIO
 
 from benchmarks import merging
 from bgn.errors import BgnError
-from bgn.results import provenance
+from bgn.results.atomic import write_atomically
+from bgn.results.environment import environment
 from bgn.results.quarantine import damage_of_policy, damage_of_shard
-from bgn.results.store import Kind, Store, write_atomically
+from bgn.results.store import Kind, Store
 
 MANIFEST = "manifest.json"
 FORMAT = "bgn-results-1"
@@ -47,7 +48,7 @@ def export(results: pathlib.Path, archive: pathlib.Path, *, policies: bool = Tru
     }
     manifest = {
         "format": FORMAT,
-        "written_by": provenance.environment()["version_bgn"],
+        "written_by": environment()["version_bgn"],
         "files": {name: _entry(path.read_bytes()) for name, path in sorted(paths.items())},
     }
 
@@ -70,7 +71,8 @@ def verify_archive(archive: pathlib.Path) -> list[str]:
         It is no archive of results at all.
     """
     with tempfile.TemporaryDirectory() as folder:
-        problems, here = [], pathlib.Path(folder)
+        problems: list[str] = []
+        here = pathlib.Path(folder)
         try:
             with tarfile.open(archive, "r:") as tar:
                 expected = _read_manifest(archive, tar)

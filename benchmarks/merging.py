@@ -7,9 +7,10 @@ import pathlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from bgn.results.atomic import write_bytes
 from bgn.results.comparison import differing_columns
 from bgn.results.quarantine import damage_of_policy, damage_of_shard
-from bgn.results.store import Kind, Store, StoreError, read_shard, write_bytes, writing_to
+from bgn.results.store import Kind, Store, StoreError, read_shard, writing_to
 
 _ROWS: tuple[Kind, ...] = ("runs", "references")
 _SAID = ("git_commit", "machine", "finished_at")

@@ -1,91 +1,103 @@
-"""Computes a stored run again and says whether the result is the same, bit for bit."""
+"""Computes a stored run once more and compares every bit of it."""
 
 from __future__ import annotations
 
 import json
 import pathlib
-import tempfile
-from collections.abc import Mapping
+import typing
 from dataclasses import dataclass
 from typing import Any
 
-from benchmarks.tasks import CellTask, ReferenceSpec, ReferenceTask, Task, Tools, execute
-from bgn import domains
-from bgn.agents.hyperparameters import Hyperparameters
-from bgn.results import provenance
-from bgn.results.comparison import differing_columns, run_differences
-from bgn.results.provenance import Origin
-from bgn.results.store import Kind, Store, StoreError, read_shard
+import pandas as pd
+
+from benchmarks.retraining import Fingerprint, fingerprint, of_metrics
+from benchmarks.tasks import ReferenceSpec, Work
+from bgn.errors import BgnError
+from bgn.results import schema
+from bgn.results.store import Kind, Store
 from bgn.training.cell import CellSpec
 
 
+class RerunError(BgnError, LookupError):
+    """There is no such run to compute again; the message says why."""
+
+
 @dataclass(frozen=True)
-class Verdict:
-    """What a rerun came to."""
+class Comparison:
+    """A run as it was and as it comes out now."""
 
-    differences: list[str]
-    """What came out otherwise; empty if nothing."""
-    remarks: list[str]
-    """What is not as it was when the run was stored."""
+    run: str
+    then: Fingerprint
+    now: Fingerprint
+
+    @property
+    def differences(self) -> tuple[str, ...]:
+        """Which of curve, metrics and policy differ."""
+        return self.then.differences(self.now)
+
+    @property
+    def identical(self) -> bool:
+        """Whether every bit is as it was, but for times."""
+        return not self.differences
 
 
-def rerun(store: Store, run: str, *, budget: str, preset: str, tools: Tools) -> Verdict:
-    """Compute a run or a reference row again, from the specification in its row.
+def rerun_and_compare(store: Store, run: str, work: Work = Work()) -> Comparison:  # noqa: B008
+    """Compute a finished run or reference row of a store again, from its specification, on the CPU.
+
+    A stored run does not depend on the seeds that were trained beside it, so it is trained alone. The store is only
+    read. Where it has no policy, as what is published, curve and metrics are compared.
 
     Raises
     ------
-    StoreError
-        There is no such row, it cannot be read, or the run fails now.
+    RerunError
+        The store holds no such finished row, or one whose specification this version does not know.
     """
-    kind = _kind(store, run)
-    (row,) = read_shard(store.shard(kind, run)).to_pylist()
-    with tempfile.TemporaryDirectory() as folder:
-        again = Store(pathlib.Path(folder))
-        task = _task(kind, row, again.root, budget, preset)
-        failure = execute(task, tools, lambda _: None)
-        if failure:
-            raise StoreError(f"{run} fails now: {failure.error}")
-        if kind == "runs":
-            differences = run_differences(run, store, again)
-        else:
-            mine, theirs = (read_shard(one.shard(kind, run)) for one in (store, again))
-            differences = [f"{kind}: {name}" for name in differing_columns(mine, theirs)]
-    return Verdict(differences, _remarks(row, task.origin))
+    kind, row = _row(store, run)
+    if kind == "references":
+        spec = _specification(ReferenceSpec, row)
+        return Comparison(run, of_metrics(_metrics(row, kind)), of_metrics(work.evaluate_reference(spec)))
+    (result,) = work.train_cell(
+        _specification(CellSpec, row), [int(row["seed"])], checkpoint=None, on_progress=lambda _: None
+    )
+    curve = pd.read_parquet(store.shard("curves", run)).drop(columns=["run", "key"])
+    policy = _policy(store.policy(run)) if store.policy(run).exists() else None
+    then = fingerprint(curve, _metrics(row, kind), policy or {})
+    now = fingerprint(
+        result.curve[list(curve.columns)], result.metrics, {} if policy is None else result.policy
+    )
+    return Comparison(run, then, now)
 
 
-def _kind(store: Store, run: str) -> Kind:
+def _row(store: Store, run: str) -> tuple[Kind, dict[str, Any]]:
     kinds: tuple[Kind, ...] = ("runs", "references")
     for kind in kinds:
-        if store.shard(kind, run).exists():
-            return kind
-    raise StoreError(f"{store.root} holds no run {run}; an id looks like hallway/ah-ch+bgn/seed-3")
+        path = store.shard(kind, run)
+        if path.is_file():
+            return kind, {str(name): value for name, value in pd.read_parquet(path).iloc[0].items()}
+    raise RerunError(f"{store.root} holds no finished {run!r}; runs are called like hallway/ah-ch/seed-0")
 
 
-def _task(kind: Kind, row: Mapping[str, Any], root: pathlib.Path, budget: str, preset: str) -> Task:
-    described = json.loads(row["spec"])
-    common = {"budget": budget, "preset": preset, "store": root, "cost": 1.0}
-    if kind == "references":
-        reference = ReferenceSpec(**described)
-        origin = _origin(reference, provenance.PLANNING_CODE, None)
-        return ReferenceTask(origin=origin, spec=reference, **common)
-    settings = Hyperparameters(**described.pop("hyperparameters"))
-    spec = CellSpec(hyperparameters=settings, **described)
-    unused = None if spec.physics_episodes else provenance.PHYSICS_CODE
-    origin = _origin(spec, provenance.TRAINING_CODE, unused)
-    return CellTask(origin=origin, spec=spec, seeds=(row["seed"],), device=row["device"], **common)
+def _specification(kind: type[Any], row: dict[str, Any]) -> Any:
+    """Read a specification back; raises :class:`RerunError`."""
+    fields = json.loads(row["spec"])
+    types = typing.get_type_hints(kind)
+    try:
+        if "hyperparameters" in types:
+            fields["hyperparameters"] = types["hyperparameters"](**fields["hyperparameters"])
+        return kind(**fields)
+    except (TypeError, ValueError) as error:
+        raise RerunError(f"{row['run']} was asked for in terms of another version: {error}") from error
 
 
-def _origin(spec: CellSpec | ReferenceSpec, entry: str, unused: str | None) -> Origin:
-    data = provenance.data_hash(domains.get(spec.domain))
-    return Origin(provenance.spec_hash(spec), provenance.code_hash(entry, without=unused), data)
+def _metrics(row: dict[str, Any], kind: Kind) -> dict[str, float]:
+    identity = schema.RUN_IDENTITY if kind == "runs" else schema.REFERENCE_IDENTITY
+    others = {*identity, *schema.OUTCOME, *schema.PROVENANCE, *schema.REKEYING}
+    return {name: float(value) for name, value in row.items() if name not in others}
 
 
-def _remarks(row: Mapping[str, Any], now: Origin) -> list[str]:
-    pairs = {"settings": (row["spec_hash"], now.spec), "code": (row["code_hash"], now.code)}
-    pairs["domain tables"] = (row["data_hash"], now.data)
-    changed = [f"the {what} changed since" for what, (then, today) in pairs.items() if then != today]
-    here = provenance.environment()
-    names = ("machine", "version_torch", "version_numpy")
-    return changed + [
-        f"{name}: then {row[name]}, now {here[name]}" for name in names if row[name] != here[name]
-    ]
+def _policy(path: pathlib.Path) -> dict[str, Any]:
+    """Return a stored policy's parameters (torch is imported here because it takes seconds)."""
+    import safetensors.torch
+
+    tensors: dict[str, Any] = safetensors.torch.load_file(path)
+    return tensors

@@ -12,10 +12,12 @@ from rich.console import Console
 from benchmarks import archive, merging
 from benchmarks.archive import verify_archive, verify_folder
 from benchmarks.merging import Merged, Outcome
-from benchmarks.rerun import rerun
-from benchmarks.tasks import Tools
-from bgn.results.store import Store, writing_to
+from benchmarks.rerun import rerun_and_compare
+from benchmarks.tasks import Work
+from bgn.results.environment import environment
+from bgn.results.store import Kind, Store, read_shard, writing_to
 
+COMMANDS = ("merge", "export", "verify")
 _DONE, _FAILED = 0, 1
 
 
@@ -40,13 +42,13 @@ def add_commands(commands: Any, defaults: Any) -> None:
     verify.set_defaults(share=_verify)
 
 
-def run(options: argparse.Namespace, tools: Tools, console: Console) -> int:
+def run(options: argparse.Namespace, work: Work, console: Console) -> int:
     """Do one of these commands; return its exit status."""
-    status: int = options.share(options, tools, console)
+    status: int = options.share(options, work, console)
     return status
 
 
-def _merge(options: argparse.Namespace, tools: Tools, console: Console) -> int:
+def _merge(options: argparse.Namespace, work: Work, console: Console) -> int:
     merged = []
     for one in merging.merge(options.sources, options.into):
         merged.append(one)
@@ -61,7 +63,7 @@ def _described(one: Merged) -> str:
     return f"{one.outcome.value}: {one.store} {one.run} of {one.source}: {one.detail}"
 
 
-def _export(options: argparse.Namespace, tools: Tools, console: Console) -> int:
+def _export(options: argparse.Namespace, work: Work, console: Console) -> int:
     with writing_to(options.archive):
         manifest = archive.export(options.results, options.archive, policies=not options.without_policies)
     size = options.archive.stat().st_size
@@ -69,9 +71,9 @@ def _export(options: argparse.Namespace, tools: Tools, console: Console) -> int:
     return _DONE
 
 
-def _verify(options: argparse.Namespace, tools: Tools, console: Console) -> int:
+def _verify(options: argparse.Namespace, work: Work, console: Console) -> int:
     if options.rerun:
-        return _rerun(options, tools, console)
+        return _rerun(options, work, console)
     verify = verify_folder if options.path.is_dir() else verify_archive
     problems = verify(options.path)
     for problem in problems:
@@ -80,16 +82,25 @@ def _verify(options: argparse.Namespace, tools: Tools, console: Console) -> int:
     return _FAILED if problems else _DONE
 
 
-def _rerun(options: argparse.Namespace, tools: Tools, console: Console) -> int:
+def _rerun(options: argparse.Namespace, work: Work, console: Console) -> int:
     store = Store(options.path / options.budget / options.preset)
-    verdict = rerun(store, options.rerun, budget=options.budget, preset=options.preset, tools=tools)
-    for remark in verdict.remarks:
-        _say(console, remark)
-    if verdict.differences:
-        _say(console, f"{options.rerun} came out otherwise: {', '.join(verdict.differences)}")
-        return _FAILED
-    _say(console, f"{options.rerun} came out the same, bit for bit")
-    return _DONE
+    comparison = rerun_and_compare(store, options.rerun, work)
+    if comparison.identical:
+        _say(console, f"{options.rerun} came out the same, bit for bit")
+        return _DONE
+    _say(console, f"{options.rerun} came out otherwise: {', '.join(comparison.differences)}")
+    (row,) = _rows(store, options.rerun)
+    here = environment()
+    for name, now in here.items():
+        if now != row.get(name):
+            _say(console, f"{name}: then {row.get(name)}, now {now}")
+    return _FAILED
+
+
+def _rows(store: Store, run: str) -> list[dict[str, Any]]:
+    kind: Kind = "runs" if store.shard("runs", run).exists() else "references"
+    rows: list[dict[str, Any]] = read_shard(store.shard(kind, run)).to_pylist()
+    return rows
 
 
 def _say(console: Console, text: str) -> None:

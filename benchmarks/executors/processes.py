@@ -21,7 +21,7 @@ from typing import Any
 from benchmarks.events import Advanced, Event, Finished, Started
 from benchmarks.executors import lifeline
 from benchmarks.signals import held_back
-from benchmarks.tasks import Failure, ReferenceTask, Task, Tools, execute, now, record_failure
+from benchmarks.tasks import Failure, ReferenceTask, Task, Work, execute, now, record_failure
 from bgn.results.store import StoreError
 from bgn.training.cell import Interrupted, Progress
 
@@ -36,7 +36,7 @@ _CONTEXT = multiprocessing.get_context("spawn")  # fork would copy the state of 
 _GRACE_SECONDS = 10.0
 
 
-def run_tasks(tasks: Sequence[Task], *, jobs: int, tools: Tools) -> Generator[Event]:
+def run_tasks(tasks: Sequence[Task], *, jobs: int, work: Work) -> Generator[Event]:
     """Do all tasks, in order, at most ``jobs`` at a time; yield what happens.
 
     Closing the iterator (or an exception in the caller, such as Ctrl-C) stops the workers, whose cells leave
@@ -52,7 +52,7 @@ def run_tasks(tasks: Sequence[Task], *, jobs: int, tools: Tools) -> Generator[Ev
     try:
         while waiting or workers:
             while waiting and len(workers) < jobs:
-                workers.append(_Worker(tools))
+                workers.append(_Worker(work))
                 yield workers[-1].start(waiting.popleft())
             for worker in _ready(workers):
                 for message in worker.messages():
@@ -71,12 +71,12 @@ def run_tasks(tasks: Sequence[Task], *, jobs: int, tools: Tools) -> Generator[Ev
 class _Worker:
     """A process that does one task after another, seen from the parent."""
 
-    def __init__(self, tools: Tools) -> None:
+    def __init__(self, work: Work) -> None:
         self.task: Task | None = None
         self.started_at = now()
         self.alive = True
         self.connection, theirs = _CONTEXT.Pipe()
-        arguments = (theirs, tools, os.getpid())
+        arguments = (theirs, work, os.getpid())
         self.process: BaseProcess = _CONTEXT.Process(target=_serve, args=arguments, daemon=True)
         resource_tracker.ensure_running()  # or the first worker's start does it, and lets signals through
         with _environment(_ONE_THREAD), held_back():
@@ -156,7 +156,7 @@ def _ready(workers: Sequence[_Worker]) -> list[_Worker]:
     return [worker for worker in workers if worker.connection in connections]
 
 
-def _serve(connection: Connection[Any, Any], tools: Tools, parent: int) -> None:
+def _serve(connection: Connection[Any, Any], work: Work, parent: int) -> None:
     """Do tasks until the parent hangs up or says stop; the body of a worker process."""
     lifeline.hold(parent)
 
@@ -172,7 +172,7 @@ def _serve(connection: Connection[Any, Any], tools: Tools, parent: int) -> None:
         while task := connection.recv():
             outcome: Failure | StoreError | None
             try:
-                outcome = execute(task, tools, report)
+                outcome = execute(task, work, report)
             except StoreError as error:
                 outcome = error
             report(outcome)

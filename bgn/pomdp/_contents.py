@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from bgn.pomdp._declarations import Space, numbers, read_numbers
 from bgn.pomdp._entries import Entry
-from bgn.pomdp._errors import fault
+from bgn.pomdp.errors import fault
 from bgn.pomdp.model import Floats
 
 _REFERENCE = r"[A-Za-z0-9_*-]+"

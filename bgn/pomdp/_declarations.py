@@ -10,8 +10,8 @@ import numpy as np
 from lark import Token
 from numpy.typing import NDArray
 
-from bgn.pomdp._errors import PomdpFormatError, fault, shown, without_comments
 from bgn.pomdp._limits import MAX_ACTIONS, MAX_SIZE
+from bgn.pomdp.errors import PomdpFormatError, fault, shown, without_comments
 from bgn.pomdp.model import SUM_TOLERANCE, Floats
 
 RESERVED = frozenset(

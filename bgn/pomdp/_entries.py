@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from lark import Token
 
 from bgn.pomdp import _patterns
-from bgn.pomdp._errors import without_comments
+from bgn.pomdp.errors import without_comments
 
 _PARTS = re.compile(_patterns.PARTS)
 

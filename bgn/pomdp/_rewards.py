@@ -7,8 +7,8 @@ import numpy as np
 from bgn.pomdp._contents import body_number, body_numbers, references
 from bgn.pomdp._declarations import ALL, Space
 from bgn.pomdp._entries import Entry
-from bgn.pomdp._errors import fault
 from bgn.pomdp._limits import Limits
+from bgn.pomdp.errors import fault
 from bgn.pomdp.model import Floats
 
 

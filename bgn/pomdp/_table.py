@@ -17,8 +17,8 @@ from scipy import sparse
 from bgn.pomdp._contents import body_number, body_numbers, references
 from bgn.pomdp._declarations import ALL, Space
 from bgn.pomdp._entries import Entry
-from bgn.pomdp._errors import PomdpFormatError, fault
 from bgn.pomdp._limits import Limits
+from bgn.pomdp.errors import PomdpFormatError, fault
 from bgn.pomdp.model import SUM_TOLERANCE, Floats
 
 Ints = NDArray[np.int64]

@@ -19,8 +19,8 @@ from bgn.pomdp import _patterns
 from bgn.pomdp._assembly import assemble
 from bgn.pomdp._declarations import Declarations
 from bgn.pomdp._entries import Entry, of_rule, of_run
-from bgn.pomdp._errors import PomdpFormatError, without_comments
 from bgn.pomdp._limits import MAX_BYTES, Limits
+from bgn.pomdp.errors import PomdpFormatError, without_comments
 from bgn.pomdp.model import POMDP
 
 _DECLARATION = "a declaration ('discount:', 'values:', 'states:', 'actions:', 'observations:' or 'start:')"

@@ -1,4 +1,4 @@
-"""The store: a folder of small parquet shards, one a run, each written in one atomic step.
+"""The store: a folder of small parquet shards, one per run, each written in one atomic step.
 
 Under ``results/local/<budget>/<preset>/``, for the run ``hallway/ah-ch/seed-3``:
 
@@ -18,7 +18,7 @@ import errno
 import fcntl
 import os
 import pathlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Literal
 
 import pandas as pd
@@ -27,6 +27,7 @@ import pyarrow.parquet as pq
 
 from bgn.errors import BgnError
 from bgn.results import schema
+from bgn.results.atomic import TORN, write_bytes
 
 Kind = Literal["runs", "curves", "references"]
 _FAILED = ".failed"
@@ -136,7 +137,7 @@ class Store:
 
     def _sweep(self) -> None:
         """Remove what killed processes left half written."""
-        for torn in (*self.root.rglob(".*.partial"), *(self.root / ".work").rglob("*.tmp")):
+        for torn in self.root.rglob(TORN):
             torn.unlink(missing_ok=True)
 
 
@@ -164,36 +165,6 @@ def write_parquet(path: pathlib.Path, table: pa.Table) -> None:
     sink = pa.BufferOutputStream()
     pq.write_table(table, sink, compression="zstd", write_page_checksum=True)
     write_bytes(path, sink.getvalue().to_pybytes())
-
-
-def write_bytes(path: pathlib.Path, content: bytes) -> None:
-    """Write a file in one atomic step."""
-
-    def write(partial: pathlib.Path) -> None:
-        partial.write_bytes(content)
-
-    write_atomically(path, write)
-
-
-def write_atomically(path: pathlib.Path, write: Callable[[pathlib.Path], None]) -> None:
-    """Let ``write`` fill a temporary file, flush it to the disk, and rename it to ``path``."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        write(partial)
-        _flush(partial)
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
-    _flush(path.parent)
-
-
-def _flush(path: pathlib.Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def _failed(path: pathlib.Path) -> pathlib.Path:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 import torch
 
 from bgn.errors import BgnError
+from bgn.results.atomic import write_bytes
 
 
 class DamagedCheckpointError(BgnError, ValueError):
@@ -19,18 +19,9 @@ class DamagedCheckpointError(BgnError, ValueError):
 
 def save(path: Path, content: dict[str, Any]) -> None:
     """Write ``content`` so that a reader sees the old file or the new one, whatever happens meanwhile."""
-    path.parent.mkdir(parents=True, exist_ok=True)
     serialised = io.BytesIO()
     torch.save(content, serialised)
-    temporary = path.with_suffix(f".{os.getpid()}.tmp")
-    try:
-        with temporary.open("wb") as file:
-            file.write(serialised.getbuffer())
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    write_bytes(path, serialised.getvalue())
 
 
 def load(path: Path) -> dict[str, Any] | None:

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 import safetensors.numpy
 
-from benchmarks.tasks import ProgressListener, ReferenceSpec, Tools
+from benchmarks.tasks import ProgressListener, ReferenceSpec, Work
 from bgn.results import schema
 from bgn.training.cell import CellSpec, Progress, RunResult
 
@@ -84,7 +84,7 @@ def _result(spec: CellSpec, seed: int) -> RunResult:
     return RunResult(seed=seed, curve=curve, metrics=metrics, policy={})
 
 
-WORKING = Tools(train_cell, save_policy, evaluate_reference)
-HANGING = Tools(hang_before_checkpoint, save_policy, evaluate_reference)  # type: ignore[arg-type]
-SILENT = Tools(train_cell, save_policy, say_nothing)
-BREAKING = Tools(train_or_fail, save_policy, evaluate_reference)
+WORKING = Work(train_cell, save_policy, evaluate_reference)
+HANGING = Work(hang_before_checkpoint, save_policy, evaluate_reference)  # type: ignore[arg-type]
+SILENT = Work(train_cell, save_policy, say_nothing)
+BREAKING = Work(train_or_fail, save_policy, evaluate_reference)

@@ -31,7 +31,7 @@ def original(tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
     """Return results of one cell with two seeds, and the random policy."""
     results = tmp_path_factory.mktemp("original")
     command = [*smoke(results, "hallway", agents=["ab-cb"]), "--reference", "random"]
-    assert main(["run", *command, "--jobs", "1"], tools=fakes.WORKING) == 0
+    assert main(["run", *command, "--jobs", "1"], work=fakes.WORKING) == 0
     return results
 
 
@@ -232,17 +232,17 @@ def test_damaged_archives(
 def test_a_run_is_computed_again(results: pathlib.Path, capsys: Capture) -> None:
     verify = ["verify", str(results), "--budget", "smoke", "--rerun"]
     for run in (RUN.format(1), "hallway/random/clean"):
-        assert main([*verify, run], tools=fakes.WORKING) == 0
+        assert main([*verify, run], work=fakes.WORKING) == 0
         assert capsys.readouterr().out == f"{run} came out the same, bit for bit\n"
     change(results, 1, "greedy_length", 0.125)
     change(results, 1, "code_hash", "x")
-    assert main([*verify, RUN.format(1)], tools=fakes.WORKING) == 1
+    assert main([*verify, RUN.format(1)], work=fakes.WORKING) == 1
     printed = capsys.readouterr().out
     assert "the code changed since" in printed
     assert "came out otherwise: runs: greedy_length" in printed
-    assert main([*verify, RUN.format(7)], tools=fakes.WORKING) == 2
+    assert main([*verify, RUN.format(7)], work=fakes.WORKING) == 2
     assert "holds no run hallway/ab-cb/seed-7" in capsys.readouterr().err
-    assert main([*verify, "hallway/ah-cs/seed-0"], tools=fakes.WORKING) == 2
+    assert main([*verify, "hallway/ah-cs/seed-0"], work=fakes.WORKING) == 2
 
 
 def test_a_rerun_in_earnest(tmp_path: pathlib.Path, capsys: Capture) -> None:

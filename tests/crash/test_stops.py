@@ -26,7 +26,7 @@ from tests.training.test_trainer import assert_identical, cell
 ROOT = pathlib.Path(__file__).parents[2]
 CODE = (
     "import sys; from benchmarks.__main__ import main; from tests.benchmarks import fakes;"
-    "sys.exit(main(sys.argv[1:], tools=fakes.{}))"
+    "sys.exit(main(sys.argv[1:], work=fakes.{}))"
 )
 
 
@@ -62,7 +62,7 @@ def test_a_signal_stops_the_command(
         assert children(process.pid) == [worker]
         if signum == signal.SIGTERM:  # a second command on the same store, meanwhile
             again = ["run", "--results", str(tmp_path), "--budget", "smoke", "--agent", "ah-ch"]
-            assert main(again, tools=fakes.WORKING) == 2
+            assert main(again, work=fakes.WORKING) == 2
             assert f"another process ({process.pid}) is writing to {tmp_path}" in capsys.readouterr().err
         os.kill(worker, signum)  # as a terminal does, which signals all processes: theirs not to answer
         process.send_signal(signum)

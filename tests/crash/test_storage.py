@@ -40,23 +40,23 @@ def test_a_full_disk(small_disk: pathlib.Path, capsys: Capture) -> None:
     with filler.open("wb") as file:
         free = os.statvfs(small_disk)
         file.write(b"x" * (free.f_bavail * free.f_frsize - 100_000))
-    assert main(command, tools=fakes.WORKING) == 3
+    assert main(command, work=fakes.WORKING) == 3
     error = capsys.readouterr().err
     assert f"error: cannot write {small_disk}" in error
     assert "No space left on device; make room there" in error
     runs = stored(small_disk).read("runs")
     assert runs.empty or set(runs["status"]) == {"ok"}  # a full disk is nobody's failure
     filler.unlink()
-    assert main(command, tools=fakes.WORKING) == 0
+    assert main(command, work=fakes.WORKING) == 0
     assert not list(small_disk.rglob("*.partial"))
 
 
 def test_a_read_only_disk(small_disk: pathlib.Path, capsys: Capture) -> None:
     command = smoke(small_disk, "hallway", agents=["ab-cb"])
-    assert main(["run", *command, "--jobs", "1", "--seeds", "0"], tools=fakes.WORKING) == 0
+    assert main(["run", *command, "--jobs", "1", "--seeds", "0"], work=fakes.WORKING) == 0
     subprocess.run(["mount", "-o", "remount,ro", str(small_disk)], check=True)
     capsys.readouterr()
-    assert main(["run", *command], tools=fakes.WORKING) == 3
+    assert main(["run", *command], work=fakes.WORKING) == 3
     assert "Read-only file system; make room there, or choose another folder" in capsys.readouterr().err
     assert main(["status", *command]) == 0
     assert "1/2" in capsys.readouterr().out
@@ -75,15 +75,15 @@ def test_other_errors_are_not_the_disks(tmp_path: pathlib.Path) -> None:
 
 def test_damaged_results_are_set_aside_and_computed_anew(tmp_path: pathlib.Path, capsys: Capture) -> None:
     command = ["run", *smoke(tmp_path, "hallway", agents=["ab-cb"]), "--jobs", "1"]
-    assert main(command, tools=fakes.WORKING) == 0
+    assert main(command, work=fakes.WORKING) == 0
     store = stored(tmp_path)
     whole = store.shard("runs", "hallway/ab-cb/seed-0")
     written = whole.stat().st_mtime_ns
     truncated = store.shard("runs", "hallway/ab-cb/seed-1")
     truncated.write_bytes(truncated.read_bytes()[:500])
-    assert main(["status", *command[1:-2]], tools=fakes.WORKING) == 2
+    assert main(["status", *command[1:-2]], work=fakes.WORKING) == 2
     assert f"cannot read {truncated}" in capsys.readouterr().err
-    assert main(command, tools=fakes.WORKING) == 0
+    assert main(command, work=fakes.WORKING) == 0
     error = capsys.readouterr().err
     assert f"{truncated} is damaged" in error
     assert "its run is computed anew" in error
@@ -100,7 +100,7 @@ def test_a_clock_that_is_set_back(tmp_path: pathlib.Path, monkeypatch: pytest.Mo
 
     monkeypatch.setattr("benchmarks.executors.processes.run_tasks", streams.run_tasks)
     assert (
-        main(["run", *smoke(tmp_path, "hallway", agents=["ab-cb"]), "--jobs", "1"], tools=fakes.WORKING) == 0
+        main(["run", *smoke(tmp_path, "hallway", agents=["ab-cb"]), "--jobs", "1"], work=fakes.WORKING) == 0
     )
     runs = Store(stored(tmp_path).root).read("runs")
     assert (runs["finished_at"] >= runs["started_at"]).all()

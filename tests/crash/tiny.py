@@ -11,7 +11,7 @@ from typing import Any
 from benchmarks import __main__ as command
 from benchmarks import registry
 from benchmarks.registry import Registry
-from benchmarks.tasks import Tools
+from benchmarks.tasks import Work
 from bgn.results.store import Store
 from bgn.training import trainer
 from bgn.training.cell import CellSpec, RunResult
@@ -46,7 +46,7 @@ def main() -> int:
     """Run the command of the process's arguments."""
     tiny = tiny_registry()
     registry.load = lambda *_: tiny  # type: ignore[assignment]
-    return command.main(sys.argv[1:], tools=Tools(train_cell=train_cell))
+    return command.main(sys.argv[1:], work=Work(train_cell=train_cell))
 
 
 def arguments(results: pathlib.Path, *more: str) -> list[str]:

@@ -16,7 +16,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bgn.results import quarantine, schema
-from bgn.results.store import Store, StoreError, read_shard, write_bytes
+from bgn.results.atomic import write_bytes
+from bgn.results.store import Store, StoreError, read_shard
 from tests.effort import effort
 from tests.hostile.mutation import mutate, refusal
 
