@@ -1,4 +1,4 @@
-"""The command line: ``python -m benchmarks run | status | tables``.
+"""The command line: ``python -m benchmarks run | status | tables | merge | export | verify``.
 
 Exit status: 0, all is done; 1, something is missing or failed; 2, wrong options or an unusable store; 3, nothing
 more can be written (disk full or read-only); 130, 143, 129: stopped by Ctrl-C, SIGTERM or SIGHUP, with
@@ -18,17 +18,16 @@ from collections.abc import Generator, Sequence
 
 from rich.console import Console
 
-from benchmarks import plan, progress, registry, report
+from benchmarks import plan, progress, registry, report, sharing
 from benchmarks.events import Event, Idle
 from benchmarks.executors import beside, processes, streams
 from benchmarks.plan import Selection, State
-from benchmarks.registry import Registry, RegistryError
+from benchmarks.registry import Registry
 from benchmarks.signals import Stopped, stoppable
 from benchmarks.tasks import CellTask, ReferenceTask, Task, Work
-from bgn.domains import UnknownDomainError
 from bgn.errors import BgnError
 from bgn.results import quarantine
-from bgn.results.store import StorageError, StoreError, writing_to
+from bgn.results.store import StorageError, writing_to
 from bgn.training.physics_evaluation import has_physics
 
 _FAILED, _USAGE, _STORAGE = 1, 2, 3
@@ -46,24 +45,27 @@ def main(arguments: Sequence[str] | None = None, *, work: Work = Work()) -> int:
     """Run a command; return its exit status."""
     console = Console() if sys.stdout.isatty() else Console(width=report.TABLE_WIDTH)
     try:
-        benchmark = registry.load(_registry_path(arguments))
-        options = _parser(benchmark).parse_args(arguments)
-        selection = _select(benchmark, options)
-        if options.command == "run":
-            _check_device(options)
-            with stoppable():
-                return _run(selection, options, work, console)
-        show = {"status": _show_status, "tables": _show_tables}[options.command]
-        return show(selection, options, console)
-    except StorageError as error:
+        with stoppable():
+            benchmark = registry.load(_registry_path(arguments))
+            options = _parser(benchmark).parse_args(arguments)
+            return _command(benchmark, options, work, console)
+    except BgnError as error:
         print(f"error: {error}", file=sys.stderr)
-        return _STORAGE
-    except (RegistryError, StoreError, UnknownDomainError, DeviceError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return _USAGE
+        return _STORAGE if isinstance(error, StorageError) else _USAGE
     except Stopped as stop:
         print(f"stopped by {stop.signal.name}; the same command goes on from here", file=sys.stderr)
         return stop.exit_status
+
+
+def _command(benchmark: Registry, options: argparse.Namespace, work: Work, console: Console) -> int:
+    if options.command in sharing.COMMANDS:
+        return sharing.run(options, work, console)
+    selection = _select(benchmark, options)
+    if options.command == "run":
+        _check_device(options)
+        return _run(selection, options, work, console)
+    show = {"status": _show_status, "tables": _show_tables}[options.command]
+    return show(selection, options, console)
 
 
 def _run(selection: Selection, options: argparse.Namespace, work: Work, console: Console) -> int:
@@ -214,6 +216,7 @@ def _parser(benchmark: Registry) -> argparse.ArgumentParser:
         _add_store(command, benchmark)
     for command in (run, status):
         _add_selection(command, benchmark)
+    sharing.add_commands(commands, benchmark.defaults)
     run.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="where to train (default: cpu)")
     run.add_argument(
         "--jobs", type=_positive, help="cells side by side (default: cores; on a GPU at most 31)"

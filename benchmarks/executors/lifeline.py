@@ -5,8 +5,8 @@ from __future__ import annotations
 import ctypes
 import multiprocessing
 import os
+import platform
 import signal
-import sys
 import threading
 from multiprocessing.connection import wait
 
@@ -19,7 +19,7 @@ def hold(parent: int) -> None:
     On Linux the kernel sees to it. Elsewhere a thread waits for the parent to end, which a long call into
     compiled code can delay.
     """
-    if sys.platform == "linux":
+    if platform.system() == "Linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
         if os.getppid() != parent:  # it died before the kernel knew
             os._exit(1)

@@ -21,7 +21,7 @@ from typing import Any
 from benchmarks.events import Advanced, Event, Finished, Idle, Started
 from benchmarks.executors import lifeline
 from benchmarks.signals import held_back
-from benchmarks.tasks import Failure, ReferenceTask, Task, Work, execute, now, record_failure
+from benchmarks.tasks import Failure, PhysicsTask, ReferenceTask, Task, Work, execute, now, record_failure
 from bgn.results.store import StoreError
 from bgn.training.cell import Interrupted, Progress
 
@@ -129,7 +129,7 @@ class _Worker:
         """Ask the process to end: at its next report of progress, after writing a checkpoint."""
         with contextlib.suppress(OSError):
             self.connection.send(None)
-        if isinstance(self.task, ReferenceTask):  # it reports nothing, and would have nothing to keep
+        if isinstance(self.task, PhysicsTask | ReferenceTask):  # it reports nothing, and would have nothing to keep
             self.process.kill()
 
     def end(self, deadline: float) -> None:

@@ -23,7 +23,13 @@ from bgn.results.store import Kind, Store, StoreError, read_shard
 FOLDER = "quarantine"
 
 _ROW = ("run", "status", "error", "traceback", "key", "spec_hash", "code_hash", "data_hash")
-_KNOWN = {**schema.RUN_IDENTITY, **schema.REFERENCE_IDENTITY, **schema.OUTCOME, **schema.PROVENANCE}
+_KNOWN = {
+    **schema.RUN_IDENTITY,
+    **schema.REFERENCE_IDENTITY,
+    **schema.OUTCOME,
+    **schema.PROVENANCE,
+    **schema.REKEYING,
+}
 _NEEDED: dict[Kind, tuple[str, ...]] = {
     "runs": (*_ROW, "domain", "agent", "seed"),
     "references": (*_ROW, "domain", "reference", "convention"),
@@ -45,7 +51,7 @@ class Damage:
 
 def sweep(store: Store) -> list[Damage]:
     """Set aside every damaged file of a store that this process has locked, with what belongs to its run."""
-    found = []
+    found: list[Damage] = []
     for kind in _NEEDED:
         for path in sorted((store.root / kind).rglob("[!.]*.parquet")):
             reason = path.exists() and damage_of_shard(store, kind, path)

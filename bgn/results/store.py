@@ -137,7 +137,7 @@ class Store:
 
     def _sweep(self) -> None:
         """Remove what killed processes left half written."""
-        for torn in (*self.root.rglob(TORN), *(self.root / ".work").rglob("*.tmp")):
+        for torn in self.root.rglob(TORN):
             torn.unlink(missing_ok=True)
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import ctypes
 import errno
 import os
 import pathlib
 import signal
+import sys
 import time
 from collections.abc import Mapping, Sequence
 
@@ -110,6 +112,14 @@ def evaluate_reference(spec: ReferenceSpec) -> dict[str, float]:
     return {"return": value, "return_se": 0.01, "return_sd": 0.3}
 
 
+def say_nothing(spec: ReferenceSpec) -> dict[str, float]:
+    """Work for ever, as deep in compiled code as a planner; its process id is left where a test looks."""
+    folder = pathlib.Path(sys.argv[sys.argv.index("--results") + 1])
+    (folder / "silent.checkpoint").write_text(str(os.getpid()))
+    ctypes.PyDLL(None).pause()  # a PyDLL keeps the interpreter's lock: no thread of this process gets a turn
+    return {}
+
+
 def evaluate_in_physics(policy: pathlib.Path, spec: CellSpec, seed: int) -> dict[str, float]:
     assert policy.exists()
     return dict.fromkeys(schema.PHYSICS_METRICS, 0.25 + seed)
@@ -125,6 +135,7 @@ def _result(spec: CellSpec, seed: int, physics: bool) -> RunResult:
 
 
 WORKING = Work(train_cell, save_policy, evaluate_reference, evaluate_in_physics)
+SILENT = Work(train_cell, save_policy, say_nothing, evaluate_in_physics)
 HANGING = Work(hang_before_checkpoint, save_policy, evaluate_reference, evaluate_in_physics)  # type: ignore[arg-type]
 BREAKING = Work(train_or_fail, save_policy, evaluate_reference, evaluate_in_physics)
 LOSING = Work(lose_the_device, save_policy, evaluate_reference, evaluate_in_physics)  # type: ignore[arg-type]
