@@ -129,7 +129,9 @@ class _Worker:
         """Ask the process to end: at its next report of progress, after writing a checkpoint."""
         with contextlib.suppress(OSError):
             self.connection.send(None)
-        if isinstance(self.task, PhysicsTask | ReferenceTask):  # it reports nothing, and would have nothing to keep
+        if isinstance(
+            self.task, PhysicsTask | ReferenceTask
+        ):  # it reports nothing, and would have nothing to keep
             self.process.kill()
 
     def end(self, deadline: float) -> None:
