@@ -86,6 +86,21 @@ class Decision:
     """The new one of a row to be re-keyed."""
 
 
+@dataclass(frozen=True)
+class Asked:
+    """What a revision says about the stored rows."""
+
+    commit: str
+    answers: Answers
+    code: Mapping[str, str]
+    """Its code hashes by scope, as the present code is hashed."""
+
+    def wants(self, row: Row) -> bool:
+        """Say whether a row is just what the revision asks for."""
+        origin = self.answers.wanted.get(row.store, {}).get(row.name)
+        return origin is not None and origin.key == row.values["key"]
+
+
 def rows(results: pathlib.Path) -> Iterator[Row]:
     """Yield the finished rows of all stores under a folder."""
     for kind in _KINDS:
@@ -103,7 +118,8 @@ def decide(
     stores, known = _stores(stored), registry.load()
     present = {(budget, preset): _wanted(known, budget, preset, seeds) for budget, preset, seeds in stores}
     asked = [
-        (one, one.ask([(*store.split("/"), seeds) for store, seeds in stores.items()])) for one in revisions
+        Asked(one.commit, one.ask(stores), {name: one.code_hash(scope) for name, scope in SCOPES.items()})
+        for one in revisions
     ]
     return [_decide(row, present[row.budget, row.preset].get(row.name), asked, reports) for row in stored]
 
@@ -129,42 +145,36 @@ def rekey(decision: Decision) -> None:
     write_parquet(row.path, _with(pq.read_table(row.path), new))
 
 
-def _decide(
-    row: Row, wanted: Wanted | None, asked: Sequence[tuple[Former, Answers]], reports: Sequence[Report]
-) -> Decision:
+def _decide(row: Row, wanted: Wanted | None, asked: Sequence[Asked], reports: Sequence[Report]) -> Decision:
     if wanted is None:
         return Decision(row, "older", "the registry does not ask for it")
     if row.values["key"] == wanted.origin.key:
         return Decision(row, "current", "")
     if row.values["git_dirty"] is not False:
         return Decision(row, "older", "it was not computed by the clean code of a commit")
-    keys = {revision.commit: answers.wanted.get(row.store, {}).get(row.name) for revision, answers in asked}
-    for revision, answers in asked:
-        origin = keys[revision.commit]
-        if origin is not None and origin.key == row.values["key"]:
-            return _judge(row, wanted, revision, answers, reports)
-    return Decision(row, "older", "none of the revisions asks for it as it is")
+    revision = next((one for one in asked if one.wants(row)), None)
+    if revision is None:
+        return Decision(row, "older", "none of the revisions asks for it as it is")
+    return _judge(row, wanted, revision, reports)
 
 
-def _judge(
-    row: Row, wanted: Wanted, revision: Former, answers: Answers, reports: Sequence[Report]
-) -> Decision:
+def _judge(row: Row, wanted: Wanted, revision: Asked, reports: Sequence[Report]) -> Decision:
     """Say whether what a revision computed is what is computed now."""
     at = f"at {revision.commit[:10]}"
     if not same_request(json.loads(row.values["spec"]), wanted.spec):
         return Decision(row, "older", f"it was asked for in other words {at}")
-    if answers.tables.get(wanted.spec.domain) != wanted.origin.data:
+    if revision.answers.tables.get(wanted.spec.domain) != wanted.origin.data:
         return Decision(row, "older", f"the domain's tables were others {at}")
     scope = _scope(wanted)
-    then, now = revision.code_hash(SCOPES[scope]), wanted.origin.code
+    then, now = revision.code[scope], wanted.origin.code
     if then == now:
-        why = f"the definitions it executes are the same as {at}; only where they stand is new"
+        why = f"the definitions that it executes are the same {at} and now; only where they stand is new"
         return Decision(row, "re-keyed", why, wanted.origin)
     for report in reports:
         if report.covers(scope, then, now, row.preset, row.work):
-            why = f"not the code but what it computes is the same as {at}, bit for bit: {report_name(report)}"
+            why = f"what it computes is the same {at} and now, bit for bit: equivalence/{report.name}"
             return Decision(row, "re-keyed", why, wanted.origin)
-    return Decision(row, "older", f"the code was other {at}, and no report covers {row.work}")
+    return Decision(row, "older", f"the code for {scope} was other {at}, and no report covers {row.work}")
 
 
 def same_request(stored: Any, present: Any) -> bool:
@@ -186,24 +196,18 @@ def _default(field: dataclasses.Field[Any]) -> Any:
     return field.default if factory is dataclasses.MISSING else factory()
 
 
-def report_name(report: Report) -> str:
-    """Return the name of the file that a report is kept in."""
-    codes = sorted({report.then[scope][:4] + report.now[scope][:4] for scope in SCOPES})
-    return f"equivalence-{report.commit[:10]}-{'-'.join(codes)}.json"
-
-
 def _scope(wanted: Wanted) -> str:
     if isinstance(wanted.spec, ReferenceSpec):
         return "planning"
     return "training with physics" if wanted.spec.physics_episodes else "training"
 
 
-def _stores(stored: Sequence[Row]) -> dict[str, list[int]]:
-    """Return the seeds of each store's rows."""
-    seeds: dict[str, set[int]] = {}
+def _stores(stored: Sequence[Row]) -> list[tuple[str, str, list[int]]]:
+    """Return the stores of some rows: budget, preset and seeds."""
+    seeds: dict[tuple[str, str], set[int]] = {}
     for row in stored:
-        seeds.setdefault(row.store, set()).add(int(row.values["seed"]))
-    return {store: sorted(found) for store, found in seeds.items()}
+        seeds.setdefault((row.budget, row.preset), set()).add(int(row.values["seed"]))
+    return [(budget, preset, sorted(found)) for (budget, preset), found in seeds.items()]
 
 
 def _wanted(known: Registry, budget: str, preset: str, seeds: Sequence[int]) -> dict[str, Wanted]:
@@ -252,7 +256,7 @@ def _rekey(options: argparse.Namespace) -> int:
     changed = [one for one in decisions if one.origin is not None]
     if not options.dry_run:
         for path, report in zip(options.equivalent, reports, strict=True):
-            kept = options.results / "equivalence" / report_name(report)
+            kept = options.results / "equivalence" / report.name
             kept.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(path, kept)
         for decision in changed:
