@@ -60,8 +60,8 @@ class Report:
         """Say whether it shows that two codes of a scope compute the same for a cell or reference row."""
         if preset != self.preset:
             return False
-        compared = {one.run.partition("/seed-")[0] for one in self.comparisons}
-        return (self.then[scope], self.now[scope]) == (then, now) and work in compared
+        compared = any(one.run == work or one.run.startswith(f"{work}/seed-") for one in self.comparisons)
+        return compared and (self.then[scope], self.now[scope]) == (then, now)
 
     def to_json(self) -> str:
         """Write it down, with what it was computed with."""

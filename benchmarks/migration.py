@@ -21,7 +21,7 @@ import pathlib
 import shutil
 import sys
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,12 +31,13 @@ import pyarrow.parquet as pq
 from benchmarks import equivalence, registry
 from benchmarks.equivalence import SCOPES, Report
 from benchmarks.former import Answers, Former, former
-from benchmarks.plan import Selection, Wanted
+from benchmarks.plan import Request, Selection
 from benchmarks.registry import Registry
 from benchmarks.tasks import ReferenceSpec
 from bgn.errors import BgnError
 from bgn.results import schema
 from bgn.results.provenance import Origin
+from bgn.results.run_ids import RunId
 from bgn.results.store import Kind, Store, write_parquet
 
 _KINDS: tuple[Kind, ...] = ("runs", "references")
@@ -71,7 +72,7 @@ class Row:
     @property
     def work(self) -> str:
         """The cell, or the reference row."""
-        return self.run.partition("/seed-")[0]
+        return str(RunId.parse(self.run).cell) if self.kind == "runs" else self.run
 
 
 @dataclass(frozen=True)
@@ -116,9 +117,16 @@ def decide(
 ) -> list[Decision]:
     """Say of each row whether it is current, can be re-keyed, or stays older, and why."""
     stores, known = _stores(stored), registry.load()
-    present = {(budget, preset): _wanted(known, budget, preset, seeds) for budget, preset, seeds in stores}
+    domains = {str(row.values["domain"]) for row in stored}
+    present = {
+        (budget, preset): _requests(known, budget, preset, domains, seeds) for budget, preset, seeds in stores
+    }
     asked = [
-        Asked(one.commit, one.ask(stores), {name: one.code_hash(scope) for name, scope in SCOPES.items()})
+        Asked(
+            one.commit,
+            one.ask(stores, domains),
+            {name: one.code_hash(scope) for name, scope in SCOPES.items()},
+        )
         for one in revisions
     ]
     return [_decide(row, present[row.budget, row.preset].get(row.name), asked, reports) for row in stored]
@@ -145,35 +153,35 @@ def rekey(decision: Decision) -> None:
     write_parquet(row.path, _with(pq.read_table(row.path), new))
 
 
-def _decide(row: Row, wanted: Wanted | None, asked: Sequence[Asked], reports: Sequence[Report]) -> Decision:
-    if wanted is None:
+def _decide(row: Row, request: Request | None, asked: Sequence[Asked], reports: Sequence[Report]) -> Decision:
+    if request is None:
         return Decision(row, "older", "the registry does not ask for it")
-    if row.values["key"] == wanted.origin.key:
+    if row.values["key"] == request.origin.key:
         return Decision(row, "current", "")
     if row.values["git_dirty"] is not False:
         return Decision(row, "older", "it was not computed by the clean code of a commit")
     revision = next((one for one in asked if one.wants(row)), None)
     if revision is None:
         return Decision(row, "older", "none of the revisions asks for it as it is")
-    return _judge(row, wanted, revision, reports)
+    return _judge(row, request, revision, reports)
 
 
-def _judge(row: Row, wanted: Wanted, revision: Asked, reports: Sequence[Report]) -> Decision:
+def _judge(row: Row, request: Request, revision: Asked, reports: Sequence[Report]) -> Decision:
     """Say whether what a revision computed is what is computed now."""
     at = f"at {revision.commit[:10]}"
-    if not same_request(json.loads(row.values["spec"]), wanted.spec):
+    if not same_request(json.loads(row.values["spec"]), request.spec):
         return Decision(row, "older", f"it was asked for in other words {at}")
-    if revision.answers.tables.get(wanted.spec.domain) != wanted.origin.data:
+    if revision.answers.tables.get(request.spec.domain) != request.origin.data:
         return Decision(row, "older", f"the domain's tables were others {at}")
-    scope = _scope(wanted)
-    then, now = revision.code[scope], wanted.origin.code
+    scope = _scope(request)
+    then, now = revision.code[scope], request.origin.code
     if then == now:
         why = f"the definitions that it executes are the same {at} and now; only where they stand is new"
-        return Decision(row, "re-keyed", why, wanted.origin)
+        return Decision(row, "re-keyed", why, request.origin)
     for report in reports:
         if report.covers(scope, then, now, row.preset, row.work):
             why = f"what it computes is the same {at} and now, bit for bit: equivalence/{report.name}"
-            return Decision(row, "re-keyed", why, wanted.origin)
+            return Decision(row, "re-keyed", why, request.origin)
     return Decision(row, "older", f"the code for {scope} was other {at}, and no report covers {row.work}")
 
 
@@ -196,10 +204,10 @@ def _default(field: dataclasses.Field[Any]) -> Any:
     return field.default if factory is dataclasses.MISSING else factory()
 
 
-def _scope(wanted: Wanted) -> str:
-    if isinstance(wanted.spec, ReferenceSpec):
+def _scope(request: Request) -> str:
+    if isinstance(request.spec, ReferenceSpec):
         return "planning"
-    return "training with physics" if wanted.spec.physics_episodes else "training"
+    return "training with physics" if request.spec.physics_episodes else "training"
 
 
 def _stores(stored: Sequence[Row]) -> list[tuple[str, str, list[int]]]:
@@ -210,7 +218,9 @@ def _stores(stored: Sequence[Row]) -> list[tuple[str, str, list[int]]]:
     return [(budget, preset, sorted(found)) for (budget, preset), found in seeds.items()]
 
 
-def _wanted(known: Registry, budget: str, preset: str, seeds: Sequence[int]) -> dict[str, Wanted]:
+def _requests(
+    known: Registry, budget: str, preset: str, domains: Collection[str], seeds: Sequence[int]
+) -> dict[str, Request]:
     """Return what the present code asks for in a store, by name; nothing for one that the registry does not know."""
     if budget not in known.budgets or preset not in known.presets:
         return {}
@@ -218,12 +228,12 @@ def _wanted(known: Registry, budget: str, preset: str, seeds: Sequence[int]) -> 
         registry=known,
         budget=budget,
         preset=preset,
-        domains=tuple(known.domains),
+        domains=tuple(name for name in known.domains if name in domains),
         agents=tuple(known.agents),
         references=tuple(known.references),
         seeds=tuple(seeds),
     )
-    return {f"{one.kind} {one.run}": one for one in everything.wanted()}
+    return {f"{one.kind} {one.id}": one for one in everything.requests()}
 
 
 def _with(table: pa.Table, values: Mapping[str, str]) -> pa.Table:

@@ -49,7 +49,7 @@ class FakeFormer:
     def code_hash(self, scope: Scope) -> str:
         return next(self.code[name] for name, known in SCOPES.items() if known == scope)
 
-    def ask(self, stores: Collection[tuple[str, str, Sequence[int]]]) -> Answers:
+    def ask(self, stores: Collection[tuple[str, str, Sequence[int]]], domains: Collection[str]) -> Answers:
         wanted: dict[str, dict[str, Origin]] = {}
         for row in rows(self.results):
             origin = Origin(*(str(row.values[part]) for part in ("spec_hash", "code_hash", "data_hash")))
@@ -112,7 +112,7 @@ def test_the_command_line_then_takes_the_rows_for_current(
     for one in decisions(results, revision(results)):
         rekey(one)
     capsys.readouterr()
-    assert main(command, tools=fakes.BREAKING) == 0
+    assert main(command, work=fakes.BREAKING) == 0
     assert "4 of 4 runs and reference rows are done" in capsys.readouterr().out
     store = Store(results / "smoke" / PRESET)
     curves, runs = store.read("curves"), store.read("runs")
@@ -247,7 +247,7 @@ def test_a_revision_answers_with_its_own_code(repository: pathlib.Path) -> None:
     cells = {"cells": ["hallway/ab-cb"], "budget": "smoke", "preset": PRESET, "seeds": [0]}
     with former("HEAD", repository) as then:
         assert {name: then.code_hash(scope) for name, scope in SCOPES.items()} == present_code()
-        answers = then.ask([("smoke", PRESET, [0]), ("no such", PRESET, [0])])
+        answers = then.ask([("smoke", PRESET, [0]), ("no such", PRESET, [0])], ["hallway"])
         retrained = then.retrain(**cells)  # type: ignore[arg-type]
         with pytest.raises(FormerError, match=r"has no bgn\.none; say in FORMER_PATHS"):
             then.code_hash(dataclasses.replace(SCOPES["training"], without=("bgn.none",)))

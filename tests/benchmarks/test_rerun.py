@@ -11,7 +11,7 @@ import pytest
 from benchmarks import registry
 from benchmarks.rerun import RerunError, rerun_and_compare
 from benchmarks.retraining import fingerprint
-from benchmarks.tasks import Tools, train_cell
+from benchmarks.tasks import Work, train_cell
 from bgn.results.store import Store
 from bgn.training.cell import CellSpec, RunResult
 from tests.benchmarks import fakes
@@ -28,7 +28,7 @@ def train_otherwise(spec: CellSpec, seeds: Sequence[int], **options: Any) -> lis
     return train_briefly(dataclasses.replace(spec, hyperparameters=settings), seeds, **options)
 
 
-BRIEF, OTHER = Tools(train_cell=train_briefly), Tools(train_cell=train_otherwise)
+BRIEF, OTHER = Work(train_cell=train_briefly), Work(train_cell=train_otherwise)
 
 
 @pytest.fixture(scope="module")
