@@ -48,9 +48,8 @@ for budget, preset, seeds in question["stores"]:
             agents=tuple(known.agents), references=tuple(known.references), seeds=tuple(seeds),
         )
         requests = (getattr(everything, "wanted", None) or everything.requests)()
-        wanted[f"{budget}/{preset}"] = {
-            f"{one.kind} {getattr(one, 'id', None) or one.run}": [one.origin.spec, one.origin.code, one.origin.data] for one in requests
-        }
+        rows = {f"{one.kind} {getattr(one, 'id', None) or one.run}": one.origin for one in requests}
+        wanted[f"{budget}/{preset}"] = {row: [one.spec, one.code, one.data] for row, one in rows.items()}
 tables = {name: present.data_hash(domains.get(name), unseen=question["unseen"]) for name in chosen}
 print(json.dumps({"wanted": wanted, "tables": tables}))
 """
