@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import dataclasses
+import fnmatch
 import json
 import pathlib
 import shutil
@@ -33,6 +34,7 @@ from benchmarks.equivalence import SCOPES, Report
 from benchmarks.former import Answers, Former, former
 from benchmarks.plan import Request, Selection
 from benchmarks.registry import Registry
+from benchmarks.rerun import RerunError
 from benchmarks.tasks import ReferenceSpec
 from bgn.errors import BgnError
 from bgn.results import schema
@@ -289,11 +291,21 @@ def _compare(options: argparse.Namespace) -> int:
             )
         else:
             store = Store(options.results / options.budget / options.preset)
-            report = equivalence.compare_stored(revision, store, options.stored)
+            report = equivalence.compare_stored(revision, store, _matching(options))
     equivalence.write(report, options.out)
     for one in report.comparisons:
         print(f"{one.run}: {'identical' if one.identical else 'other ' + ', '.join(one.differences)}")
     return 0 if report.identical else _FAILED
+
+
+def _matching(options: argparse.Namespace) -> list[str]:
+    """Return the stored rows that were asked for by name or pattern."""
+    stored = [row.run for row in rows(options.results) if row.store == f"{options.budget}/{options.preset}"]
+    found = [run for run in stored if any(fnmatch.fnmatchcase(run, one) for one in options.stored)]
+    if not found:
+        place = options.results / options.budget / options.preset
+        raise RerunError(f"{place} holds no row like {' or '.join(options.stored)}")
+    return found
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -327,7 +339,10 @@ def _parser() -> argparse.ArgumentParser:
     compare.add_argument("--preset", default=known.preset, help="default: %(default)s")
     compare.add_argument("--cell", nargs="+", help="such as hallway/ah-ch (default: all)")
     compare.add_argument(
-        "--stored", nargs="+", metavar="RUN", help="instead compute these stored rows of the revision again"
+        "--stored",
+        nargs="+",
+        metavar="RUN",
+        help="instead compute these stored rows of the revision again, such as hallway/*/seed-0",
     )
     compare.add_argument("--results", type=pathlib.Path, default=pathlib.Path("results/published"))
     compare.set_defaults(command=_compare)

@@ -290,6 +290,25 @@ def test_the_command_says_what_it_would_do_and_does_it(
     assert "is no report" in capsys.readouterr().err
 
 
+def test_stored_rows_are_computed_again_for_a_report(
+    results: pathlib.Path,
+    tmp_path: pathlib.Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(migration, "former", lambda _: _Given(revision(results)))
+    monkeypatch.setattr(
+        "benchmarks.equivalence.rerun_and_compare", lambda store, run: Comparison(run, SAME, SAME)
+    )
+    place = ["--results", str(results), "--revision", "abc", "--out", str(tmp_path / "report.json")]
+    assert migration.main(["compare", *place, "--stored", "hallway/random/*", "*/seed-1"]) == 0
+    compared = {one.run for one in equivalence.load(tmp_path / "report.json").comparisons}
+    assert compared == {"hallway/ah-ch/seed-1", "hallway/random/clean", "hallway/random/hidden-first-action"}
+    assert "hallway/ah-ch/seed-1: identical" in capsys.readouterr().out
+    assert migration.main(["compare", *place, "--stored", "tiger/*"]) == 2
+    assert "holds no row like tiger/*" in capsys.readouterr().err
+
+
 @dataclasses.dataclass
 class _Given:
     """Gives a revision that is there already."""
