@@ -12,7 +12,12 @@ from bgn.results.atomic import write_atomically
 
 def save(path: Path, content: dict[str, Any]) -> None:
     """Write ``content`` so that a reader sees the old file or the new one, whatever happens meanwhile."""
-    write_atomically(path, lambda partial: torch.save(content, partial))
+
+    def write(partial: Path) -> None:
+        with partial.open("wb") as file:
+            torch.save(content, file)
+
+    write_atomically(path, write)
 
 
 def load(path: Path) -> dict[str, Any] | None:
