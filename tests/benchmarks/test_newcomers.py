@@ -178,7 +178,7 @@ def test_a_domain_outside_a_budget(
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('"tiger.pomdp"', '"lion.pomdp"', r"my\.toml: domains\.example-tiger\.file: cannot read .*lion\.pomdp.*No such"),
+        ('"tiger.pomdp"', '"lion.pomdp"', r"my\.toml: domains\.example-tiger\.file: cannot read .*lion\.pomdp.*No"),
         ('"tiger.pomdp"', '"ti\\u0000ger"', r"my\.toml: domains\.example-tiger\.file: cannot read .*null"),
         ('"tiger.pomdp"', '"."', r"my\.toml: domains\.example-tiger\.file: cannot read .*directory"),
         ("episode_limit = 20\n", "", r"my\.toml: domains\.example-tiger\.episode_limit: Field required"),
