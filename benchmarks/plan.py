@@ -97,15 +97,17 @@ class Selection:
         data = provenance.data_hash(domains.get(domain))
         for agent in self.agents:
             spec = self.registry.cell(domain, agent, budget=self.budget, preset=self.preset)
-            unused = None if spec.physics_episodes else provenance.PHYSICS_CODE
-            code = provenance.code_hash(provenance.TRAINING_CODE, without=unused)
+            in_physics = spec.physics_episodes > 0
+            code = provenance.code_hash(
+                provenance.TRAINING_WITH_PHYSICS if in_physics else provenance.TRAINING
+            )
             origin = Origin(provenance.spec_hash(spec), code, data)
             for seed in self.seeds:
                 yield Request("runs", RunId.of(domain, agent, seed), spec, seed, origin)
 
     def _references(self, domain: str) -> Iterator[Request]:
         data = provenance.data_hash(domains.get(domain))
-        code = provenance.code_hash(provenance.PLANNING_CODE)
+        code = provenance.code_hash(provenance.PLANNING)
         budget = self.registry.budget(self.budget)
         for reference in self.references:
             for convention in (

@@ -14,8 +14,9 @@ from benchmarks.plan import Selection, State, Status
 from bgn.agents.specs import agent
 from bgn.analysis import figures, tables
 from bgn.analysis.text_table import TextTable
+from bgn.results.atomic import write_bytes
 from bgn.results.run_ids import CellId, RunId
-from bgn.results.store import Store, write_bytes, write_parquet
+from bgn.results.store import Store, write_parquet
 
 #: Columns that the widest table needs.
 TABLE_WIDTH = 140

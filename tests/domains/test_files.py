@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bgn import domains, pomdp
+from bgn import domains
 from bgn.__main__ import main
+from bgn.pomdp import reader
 
 COMMITTED = Path(__file__).parents[2] / "data" / "pomdp_files"
 IDS = ["hallway", "hallway-2", "rocksample-4-4", "rocksample-5-5"]
@@ -43,7 +44,7 @@ def test_checksums(written, folder):
 
 @pytest.mark.parametrize("domain_id", IDS)
 def test_a_file_is_its_domain(written, domain_id):
-    file, model = pomdp.load(written / f"{domain_id}.pomdp"), domains.get(domain_id).model.joint
+    file, model = reader.load(written / f"{domain_id}.pomdp"), domains.get(domain_id).model.joint
     for mine, theirs in zip(
         file.transitions + file.observations, model.transitions + model.observations, strict=True
     ):

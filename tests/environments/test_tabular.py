@@ -15,7 +15,7 @@ from bgn import domains
 from bgn.environments.registration import environment_id as id_of
 from bgn.environments.tabular import TableEnvironment
 from bgn.pictures.maps import AGENT, CELL, WALL
-from bgn.pomdp import update
+from bgn.pomdp.belief import update
 
 EAST, CHECK = 1, 4
 TABLE_ENVIRONMENTS = {
