@@ -31,7 +31,7 @@ import pyarrow.parquet as pq
 from benchmarks import equivalence, registry
 from benchmarks.equivalence import SCOPES, Report
 from benchmarks.former import Answers, Former, former
-from benchmarks.plan import Selection, Wanted
+from benchmarks.plan import Request, Selection
 from benchmarks.registry import Registry
 from benchmarks.tasks import ReferenceSpec
 from bgn.errors import BgnError
@@ -130,7 +130,7 @@ def rekey(decision: Decision) -> None:
 
 
 def _decide(
-    row: Row, wanted: Wanted | None, asked: Sequence[tuple[Former, Answers]], reports: Sequence[Report]
+    row: Row, wanted: Request | None, asked: Sequence[tuple[Former, Answers]], reports: Sequence[Report]
 ) -> Decision:
     if wanted is None:
         return Decision(row, "older", "the registry does not ask for it")
@@ -147,7 +147,7 @@ def _decide(
 
 
 def _judge(
-    row: Row, wanted: Wanted, revision: Former, answers: Answers, reports: Sequence[Report]
+    row: Row, wanted: Request, revision: Former, answers: Answers, reports: Sequence[Report]
 ) -> Decision:
     """Say whether what a revision computed is what is computed now."""
     at = f"at {revision.commit[:10]}"
@@ -192,7 +192,7 @@ def report_name(report: Report) -> str:
     return f"equivalence-{report.commit[:10]}-{'-'.join(codes)}.json"
 
 
-def _scope(wanted: Wanted) -> str:
+def _scope(wanted: Request) -> str:
     if isinstance(wanted.spec, ReferenceSpec):
         return "planning"
     return "training with physics" if wanted.spec.physics_episodes else "training"
@@ -206,7 +206,7 @@ def _stores(stored: Sequence[Row]) -> dict[str, list[int]]:
     return {store: sorted(found) for store, found in seeds.items()}
 
 
-def _wanted(known: Registry, budget: str, preset: str, seeds: Sequence[int]) -> dict[str, Wanted]:
+def _wanted(known: Registry, budget: str, preset: str, seeds: Sequence[int]) -> dict[str, Request]:
     """Return what the present code asks for in a store, by name; nothing for one that the registry does not know."""
     if budget not in known.budgets or preset not in known.presets:
         return {}
@@ -219,7 +219,7 @@ def _wanted(known: Registry, budget: str, preset: str, seeds: Sequence[int]) -> 
         references=tuple(known.references),
         seeds=tuple(seeds),
     )
-    return {f"{one.kind} {one.run}": one for one in everything.wanted()}
+    return {f"{one.kind} {one.run}": one for one in everything.requests()}
 
 
 def _with(table: pa.Table, values: Mapping[str, str]) -> pa.Table:

@@ -11,7 +11,7 @@ from typing import Any
 import pandas as pd
 
 from benchmarks.retraining import Fingerprint, fingerprint, of_metrics
-from benchmarks.tasks import ReferenceSpec, Tools
+from benchmarks.tasks import ReferenceSpec, Work
 from bgn.errors import BgnError
 from bgn.results import schema
 from bgn.results.store import Kind, Store
@@ -41,7 +41,7 @@ class Comparison:
         return not self.differences
 
 
-def rerun_and_compare(store: Store, run: str, tools: Tools = Tools()) -> Comparison:  # noqa: B008
+def rerun_and_compare(store: Store, run: str, work: Work = Work()) -> Comparison:  # noqa: B008
     """Compute a finished run or reference row of a store again, from its specification, on the CPU.
 
     A stored run does not depend on the seeds that were trained beside it, so it is trained alone. The store is only
@@ -55,8 +55,8 @@ def rerun_and_compare(store: Store, run: str, tools: Tools = Tools()) -> Compari
     kind, row = _row(store, run)
     if kind == "references":
         spec = _specification(ReferenceSpec, row)
-        return Comparison(run, of_metrics(_metrics(row, kind)), of_metrics(tools.evaluate_reference(spec)))
-    (result,) = tools.train_cell(
+        return Comparison(run, of_metrics(_metrics(row, kind)), of_metrics(work.evaluate_reference(spec)))
+    (result,) = work.train_cell(
         _specification(CellSpec, row), [int(row["seed"])], checkpoint=None, on_progress=lambda _: None
     )
     curve = pd.read_parquet(store.shard("curves", run)).drop(columns=["run", "key"])
