@@ -18,7 +18,7 @@ from collections.abc import Generator, Sequence
 
 from rich.console import Console
 
-from benchmarks import plan, progress, registry, report, sharing
+from benchmarks import adoption, plan, progress, registry, report, sharing
 from benchmarks.events import Event, Idle
 from benchmarks.executors import beside, processes, streams
 from benchmarks.plan import Selection, State
@@ -76,8 +76,10 @@ def _run(selection: Selection, options: argparse.Namespace, work: Work, console:
             print(f"{damage}; its run is computed anew", file=sys.stderr)
         found = plan.statuses(requests, store)
         missing = [s.request for s in found if s.state not in (State.CURRENT, State.INCOMPLETE)]
+        adopted = adoption.adopt(missing, store, options.results)
+        missing = [request for request in missing if request not in adopted]
         tasks = selection.tasks(missing, store, options.device)
-        done = sum(status.state is State.CURRENT for status in found)
+        done = len(requests) - len(missing) - sum(status.state is State.INCOMPLETE for status in found)
         console.print(f"{done} of {len(requests)} runs and reference rows are done.", highlight=False)
         clock = _Clock(options.time_limit)
         _show(tasks, _execute(tasks, options, work), clock, console)

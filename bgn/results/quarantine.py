@@ -29,6 +29,7 @@ _KNOWN = {
     **schema.OUTCOME,
     **schema.PROVENANCE,
     **schema.REKEYING,
+    **schema.ADOPTION,
 }
 _NEEDED: dict[Kind, tuple[str, ...]] = {
     "runs": (*_ROW, "domain", "agent", "seed"),
