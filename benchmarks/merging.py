@@ -73,8 +73,9 @@ def merge(sources: Sequence[pathlib.Path], into: pathlib.Path) -> Iterator[Merge
 
 def _merge_store(store: Store, target: Store, name: str, source: pathlib.Path) -> Iterator[Merged]:
     for kind in _ROWS:
-        for path in sorted((store.root / kind).rglob("[!.]*.parquet")):
-            run = path.relative_to(store.root / kind).with_suffix("").as_posix()
+        paths = (store.root / kind).rglob("[!.]*.parquet")
+        runs = (path.relative_to(store.root / kind).with_suffix("").as_posix() for path in paths)
+        for run in sorted(runs, key=lambda run: (run.endswith(".failed"), run)):  # what succeeded comes first
             outcome, detail = _merge_row(store, target, kind, run)
             yield Merged(name, run, source, outcome, detail)
 

@@ -82,16 +82,19 @@ def test_damaged_policies(damaged: Store, seed: int) -> None:
         assert reason or path.stat().st_size > 8
 
 
-def test_a_flipped_bit_is_found(store: Store) -> None:
+def test_no_flipped_bit_changes_a_number_unnoticed(store: Store) -> None:
     path = store.shard("curves", RUN)
-    content = bytearray(path.read_bytes())
+    content, whole = bytearray(path.read_bytes()), curve()
     found = 0
-    for at in range(200, 1200, 100):  # in the pages, before the footer
+    for at in range(4, len(content) - 1000, 97):  # in the pages, before the footer
         content[at] ^= 4
         path.write_bytes(content)
-        found += bool(quarantine.damage_of_shard(store, "curves", path))
+        if quarantine.damage_of_shard(store, "curves", path):
+            found += 1
+        else:  # in what nobody reads
+            assert read_shard(path).to_pylist() == whole.to_pylist()
         content[at] ^= 4
-    assert found == 10
+    assert found > 10
 
 
 @pytest.mark.parametrize("kind", ["runs", "curves", "policies"])
