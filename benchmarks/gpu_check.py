@@ -105,8 +105,8 @@ class Check:
         """Replay a captured update, twice over, and run the same updates without capturing."""
         states = [self._trained(domain, agent, capture=capture) for capture in (None, None, False)]
         again, eager = _differing(states[0], states[1]), _differing(states[0], states[2])
-        detail = f"{self.updates} updates; twice the same but for {again}, as without a graph but for {eager}"
-        return Finding("graph", f"{domain}/{agent}", not again and not eager, detail.replace("[]", "nothing"))
+        detail = f"{self.updates} updates differ from themselves in {_few(again)}, from eager ones in {_few(eager)}"
+        return Finding("graph", f"{domain}/{agent}", not again and not eager, detail)
 
     def _beside(self) -> Iterator[Finding]:
         """Run all cells in threads, which capture while others replay, and compare with each alone."""
@@ -114,7 +114,7 @@ class Check:
             together = list(pool.map(lambda cell: self._trained(*cell), self.cells))
         for cell, state in zip(self.cells, together, strict=True):
             gap = _differing(state, self._trained(*cell))
-            what = f"beside {len(self.cells) - 1} others as alone but for {gap or 'nothing'}"
+            what = f"beside {len(self.cells) - 1} others it differs from alone in {_few(gap)}"
             yield Finding("beside", "/".join(cell), not gap, what)
 
     def _speed(self, n: int) -> Finding:
@@ -196,6 +196,11 @@ def _kept(name: str, tensor: Tensor) -> Tensor:
 def _differing(one: Mapping[str, Tensor], other: Mapping[str, Tensor]) -> list[str]:
     """Return what is not equal to the bit; NaN equals NaN."""
     return [name for name, t in one.items() if not torch.equal(t.nan_to_num(), other[name].nan_to_num())]
+
+
+def _few(names: Sequence[str]) -> str:
+    more = ", …" if len(names) > 3 else ""
+    return ", ".join(names[:3]) + more if names else "nothing"
 
 
 def main(

@@ -72,13 +72,13 @@ def run_tasks(
             continue
         for task in process.running or left[:1]:
             deaths[task.name] += 1
-            if _is_stored(task):  # it had no time to say so
-                yield Finished(task, None)
-            elif deaths[task.name] >= MAX_DEATHS:
-                yield _given_up(task, process)
-            else:
+            stored = _is_stored(task)  # it may have had no time to say so
+            if not stored and deaths[task.name] < MAX_DEATHS:
                 continue
             left.remove(task)
+            if task.name not in seen:  # no process came so far as to start anything
+                yield Started(task)
+            yield Finished(task, None if stored else _given_up(task, process))
 
 
 def _is_stored(task: Task) -> bool:
@@ -89,13 +89,13 @@ def _is_stored(task: Task) -> bool:
     return all(read_shard(shard)["key"].to_pylist() == [task.origin.key] for shard in shards)
 
 
-def _given_up(task: Task, process: _Process) -> Finished:
+def _given_up(task: Task, process: _Process) -> Failure:
     why = describe_exit(process.exitcode)
     failure = Failure(
         f"the GPU's process died {MAX_DEATHS} times while it ran ({why})", "", process.started_at
     )
     record_failure(task, failure)
-    return Finished(task, failure)
+    return failure
 
 
 class _Process:
