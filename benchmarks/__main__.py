@@ -16,7 +16,7 @@ from collections.abc import Generator, Sequence
 
 from rich.console import Console
 
-from benchmarks import plan, progress, registry, report, sharing
+from benchmarks import adoption, plan, progress, registry, report, sharing
 from benchmarks.events import Event
 from benchmarks.executors import processes, streams
 from benchmarks.plan import Selection, State
@@ -68,6 +68,8 @@ def _run(selection: Selection, options: argparse.Namespace, work: Work, console:
         for damage in quarantine.sweep(store):
             print(f"{damage}; its run is computed anew", file=sys.stderr)
         missing = [s.request for s in plan.statuses(requests, store) if s.state is not State.CURRENT]
+        adopted = adoption.adopt(missing, store, options.results)
+        missing = [request for request in missing if request not in adopted]
         tasks = selection.tasks(missing, store, options.device)
         done = len(requests) - len(missing)
         console.print(f"{done} of {len(requests)} runs and reference rows are done.", highlight=False)

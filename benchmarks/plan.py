@@ -44,6 +44,11 @@ class Request:
     seed: int
     origin: Origin
 
+    @property
+    def run(self) -> str:
+        """The id as the store's rows have it."""
+        return str(self.id)
+
 
 @dataclass(frozen=True)
 class Status:
@@ -72,7 +77,7 @@ class Selection:
         return Store(results / self.budget / self.preset)
 
     def requests(self) -> list[Request]:
-        """Return every run and reference row of the selection, in registry order.
+        """Return every run and reference row of the selection, but for domains that the budget leaves out.
 
         Raises
         ------
@@ -165,7 +170,7 @@ def opening(domain: Domain) -> Convention:
 def statuses(requests: Sequence[Request], store: Store) -> list[Status]:
     """Compare what is asked for with what is stored."""
     found = {kind: _by_run(store.read(kind)) for kind in ("runs", "references")}
-    return [_status(request, found[request.kind].get(str(request.id), [])) for request in requests]
+    return [_status(request, found[request.kind].get(request.run, [])) for request in requests]
 
 
 def _by_run(rows: pd.DataFrame) -> dict[str, list[Mapping[str, str]]]:

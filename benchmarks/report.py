@@ -44,7 +44,7 @@ def show_status(selection: Selection, statuses: Sequence[Status], console: Conso
 
 def show_missing(statuses: Sequence[Status], console: Console) -> None:
     """Print a table naming every run that is not done, and why."""
-    missing = [[str(s.request.id), s.state.value, s.detail] for s in statuses if s.state is not State.CURRENT]
+    missing = [[s.request.run, s.state.value, s.detail] for s in statuses if s.state is not State.CURRENT]
     _print(TextTable("Missing runs", ["Run", "State", "Why"], missing, labels=3), console)
 
 

@@ -14,8 +14,11 @@ import numpy as np
 import pandas as pd
 import safetensors.numpy
 
-from benchmarks.tasks import ProgressListener, ReferenceSpec, Work
+from benchmarks import registry
+from benchmarks.plan import Selection
+from benchmarks.tasks import ProgressListener, ReferenceSpec, Work, execute
 from bgn.results import schema
+from bgn.results.store import Store
 from bgn.training.cell import CellSpec, Progress, RunResult
 
 FAILING_AGENT, DYING_AGENT = "ah-cs", "ab-cb"
@@ -75,6 +78,24 @@ def say_nothing(spec: ReferenceSpec) -> dict[str, float]:
     (folder / "silent.checkpoint").write_text(str(os.getpid()))
     ctypes.PyDLL(None).pause()  # a PyDLL keeps the interpreter's lock: no thread of this process gets a turn
     return {}
+
+
+def fill(results: pathlib.Path, work: Work, *, domain: str, agent: str, reference: str) -> Store:
+    """Store two runs of a cell and the rows of a reference policy, in this process; returns the store."""
+    known = registry.load()
+    chosen = Selection(
+        registry=known,
+        budget="smoke",
+        preset=known.defaults.preset,
+        domains=(domain,),
+        agents=(agent,),
+        references=(reference,),
+        seeds=(0, 1),
+    )
+    store = chosen.store(results)
+    for task in chosen.tasks(chosen.requests(), store, "cpu"):
+        assert execute(task, work, lambda _: None) is None
+    return store
 
 
 def _result(spec: CellSpec, seed: int) -> RunResult:
