@@ -130,7 +130,7 @@ def test_interrupted_training_leaves_a_checkpoint(
         if len(seen) == reports:
             raise Interrupted
 
-    spec = cell("ab-cb", "hallway", updates=8)
+    spec = cell("ah-cs", "rocksample-4-4", updates=8)
     with pytest.raises(Interrupted):
         train_cell(spec, (0,), checkpoint=path, on_progress=stop)
     content = checkpoints.load(path)
