@@ -33,7 +33,7 @@ _KNOWN = {
 _NEEDED: dict[Kind, tuple[str, ...]] = {
     "runs": (*_ROW, "domain", "agent", "seed"),
     "references": (*_ROW, "domain", "reference", "convention"),
-    "curves": ("run", "key", *schema.CURVE_COLUMNS),
+    "curves": ("run", "key", "env_steps"),
 }
 _METRICS: dict[Kind, tuple[str, ...]] = {
     "runs": schema.RUN_METRICS,
