@@ -1,4 +1,4 @@
-"""Everything one does with this project: ``nox -s reproduce``, ``tests``, ``lint``, ``speed``, ``gpu``.
+"""Everything one does with this project; ``nox -l`` lists the sessions.
 
 All sessions but one share one virtual environment: torch is large, and is installed once. ``other_torch`` has its own.
 """
@@ -42,6 +42,12 @@ def reproduce(session: nox.Session) -> None:
 def tests(session: nox.Session) -> None:
     """Run the tests; arguments as pytest's."""
     run(session, "pytest", *session.posargs)
+
+
+@nox.session(venv_backend="none")
+def torture(session: nox.Session) -> None:
+    """Kill, damage and soak for an hour or so; ``-- --soak SECONDS`` (300), or pytest's arguments."""
+    run(session, "pytest", "--torture", "-s", "tests/hostile", "tests/crash", *session.posargs)
 
 
 @nox.session(venv_backend="none")
