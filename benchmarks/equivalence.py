@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import pathlib
 from collections.abc import Mapping, Sequence
@@ -34,6 +35,8 @@ class Report:
 
     commit: str
     """The former revision."""
+    preset: str
+    """The reading of the settings under which runs were compared."""
     how: str
     """What was computed on both sides."""
     then: Mapping[str, str]
@@ -47,10 +50,18 @@ class Report:
         """Whether every comparison shows no difference."""
         return all(one.identical for one in self.comparisons)
 
-    def covers(self, scope: str, then: str, now: str, work: str) -> bool:
+    @property
+    def name(self) -> str:
+        """A name for the file that keeps it."""
+        content = json.dumps(asdict(self), sort_keys=True)
+        return f"{self.commit[:10]}-{self.preset}-{hashlib.sha256(content.encode()).hexdigest()[:8]}.json"
+
+    def covers(self, scope: str, then: str, now: str, preset: str, work: str) -> bool:
         """Say whether it shows that two codes of a scope compute the same for a cell or reference row."""
-        compared = {one.run.partition("/seed-")[0] for one in self.comparisons}
-        return (self.then[scope], self.now[scope]) == (then, now) and work in compared
+        if preset != self.preset:
+            return False
+        compared = any(one.run == work or one.run.startswith(f"{work}/seed-") for one in self.comparisons)
+        return compared and (self.then[scope], self.now[scope]) == (then, now)
 
     def to_json(self) -> str:
         """Write it down, with what it was computed with."""
@@ -64,20 +75,20 @@ def compare_cells(
     """Train cells with a revision's code and with the present one."""
     then = former.retrain(cells, budget, preset, seeds)
     now = retrain_cells(cells, budget, preset, seeds)
-    how = f"trained by both, budget {budget}, preset {preset}"
-    return _report(former, how, [Comparison(run, then[run], now[run]) for run in now])
+    how = f"trained by both, budget {budget}"
+    return _report(former, preset, how, [Comparison(run, then[run], now[run]) for run in now])
 
 
 def compare_stored(former: Former, store: Store, runs: Sequence[str]) -> Report:
     """Compute stored runs and reference rows of a revision again with the present code."""
     how = f"rows of {'/'.join(store.root.parts[-2:])} computed again"
-    return _report(former, how, [rerun_and_compare(store, run) for run in runs])
+    return _report(former, store.root.name, how, [rerun_and_compare(store, run) for run in runs])
 
 
-def _report(former: Former, how: str, comparisons: Sequence[Comparison]) -> Report:
+def _report(former: Former, preset: str, how: str, comparisons: Sequence[Comparison]) -> Report:
     then = {name: former.code_hash(scope) for name, scope in SCOPES.items()}
     now = {name: provenance.code_hash(scope) for name, scope in SCOPES.items()}
-    return Report(former.commit, how, then, now, comparisons)
+    return Report(former.commit, preset, how, then, now, comparisons)
 
 
 def write(report: Report, path: pathlib.Path) -> None:
@@ -99,7 +110,9 @@ def load(path: pathlib.Path) -> Report:
             Comparison(one["run"], Fingerprint(**one["then"]), Fingerprint(**one["now"]))
             for one in content["comparisons"]
         ]
-        report = Report(content["commit"], content["how"], content["then"], content["now"], comparisons)
+        report = Report(
+            content["commit"], content["preset"], content["how"], content["then"], content["now"], comparisons
+        )
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ReportError(f"{path} is no report of equivalence: {error}") from error
     for one in report.comparisons:

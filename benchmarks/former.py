@@ -39,18 +39,18 @@ loaded = importlib.util.spec_from_file_location("present_data", question["data"]
 present = importlib.util.module_from_spec(loaded)
 loaded.loader.exec_module(present)
 known = registry.load()
+chosen = [name for name in known.domains if name in question["domains"]]
 wanted = {}
 for budget, preset, seeds in question["stores"]:
     if budget in known.budgets and preset in known.presets:
         everything = Selection(
-            registry=known, budget=budget, preset=preset, domains=tuple(known.domains),
+            registry=known, budget=budget, preset=preset, domains=tuple(chosen),
             agents=tuple(known.agents), references=tuple(known.references), seeds=tuple(seeds),
         )
         requests = (getattr(everything, "wanted", None) or everything.requests)()
-        wanted[f"{budget}/{preset}"] = {
-            f"{one.kind} {one.run}": [one.origin.spec, one.origin.code, one.origin.data] for one in requests
-        }
-tables = {name: present.data_hash(domains.get(name), unseen=question["unseen"]) for name in known.domains}
+        rows = {f"{one.kind} {getattr(one, 'id', None) or one.run}": one.origin for one in requests}
+        wanted[f"{budget}/{preset}"] = {row: [one.spec, one.code, one.data] for row, one in rows.items()}
+tables = {name: present.data_hash(domains.get(name), unseen=question["unseen"]) for name in chosen}
 print(json.dumps({"wanted": wanted, "tables": tables}))
 """
 
@@ -90,9 +90,10 @@ class Former:
             )
         )
 
-    def ask(self, stores: Collection[tuple[str, str, Sequence[int]]]) -> Answers:
-        """Ask the revision's own code which rows it wants in stores: (budget, preset, seeds)."""
+    def ask(self, stores: Collection[tuple[str, str, Sequence[int]]], domains: Collection[str]) -> Answers:
+        """Ask the revision's own code which rows of some domains it wants in stores: (budget, preset, seeds)."""
         question = {"data": data.__file__, "unseen": unseen_fields(Domain), "stores": list(stores)}
+        question["domains"] = list(domains)
         answer = self._run(["-c", _ASK], question)
         wanted = {
             store: {row: Origin(*parts) for row, parts in rows.items()}

@@ -16,12 +16,13 @@ from __future__ import annotations
 import argparse
 import contextlib
 import dataclasses
+import fnmatch
 import json
 import pathlib
 import shutil
 import sys
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,12 +32,14 @@ import pyarrow.parquet as pq
 from benchmarks import equivalence, registry
 from benchmarks.equivalence import SCOPES, Report
 from benchmarks.former import Answers, Former, former
-from benchmarks.plan import Selection, Wanted
+from benchmarks.plan import Request, Selection
 from benchmarks.registry import Registry
+from benchmarks.rerun import RerunError
 from benchmarks.tasks import ReferenceSpec
 from bgn.errors import BgnError
 from bgn.results import schema
 from bgn.results.provenance import Origin
+from bgn.results.run_ids import RunId
 from bgn.results.store import Kind, Store, write_parquet
 
 _KINDS: tuple[Kind, ...] = ("runs", "references")
@@ -71,7 +74,7 @@ class Row:
     @property
     def work(self) -> str:
         """The cell, or the reference row."""
-        return self.run.partition("/seed-")[0]
+        return str(RunId.parse(self.run).cell) if self.kind == "runs" else self.run
 
 
 @dataclass(frozen=True)
@@ -84,6 +87,21 @@ class Decision:
     reason: str
     origin: Origin | None = None
     """The new one of a row to be re-keyed."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a revision says about the stored rows."""
+
+    commit: str
+    answers: Answers
+    code: Mapping[str, str]
+    """Its code hashes by scope, as the present code is hashed."""
+
+    def wants(self, row: Row) -> bool:
+        """Say whether a row is just what the revision asks for."""
+        origin = self.answers.wanted.get(row.store, {}).get(row.name)
+        return origin is not None and origin.key == row.values["key"]
 
 
 def rows(results: pathlib.Path) -> Iterator[Row]:
@@ -101,9 +119,17 @@ def decide(
 ) -> list[Decision]:
     """Say of each row whether it is current, can be re-keyed, or stays older, and why."""
     stores, known = _stores(stored), registry.load()
-    present = {(budget, preset): _wanted(known, budget, preset, seeds) for budget, preset, seeds in stores}
+    domains = {str(row.values["domain"]) for row in stored}
+    present = {
+        (budget, preset): _requests(known, budget, preset, domains, seeds) for budget, preset, seeds in stores
+    }
     asked = [
-        (one, one.ask([(*store.split("/"), seeds) for store, seeds in stores.items()])) for one in revisions
+        Asked(
+            one.commit,
+            one.ask(stores, domains),
+            {name: one.code_hash(scope) for name, scope in SCOPES.items()},
+        )
+        for one in revisions
     ]
     return [_decide(row, present[row.budget, row.preset].get(row.name), asked, reports) for row in stored]
 
@@ -129,42 +155,36 @@ def rekey(decision: Decision) -> None:
     write_parquet(row.path, _with(pq.read_table(row.path), new))
 
 
-def _decide(
-    row: Row, wanted: Wanted | None, asked: Sequence[tuple[Former, Answers]], reports: Sequence[Report]
-) -> Decision:
-    if wanted is None:
+def _decide(row: Row, request: Request | None, asked: Sequence[Asked], reports: Sequence[Report]) -> Decision:
+    if request is None:
         return Decision(row, "older", "the registry does not ask for it")
-    if row.values["key"] == wanted.origin.key:
+    if row.values["key"] == request.origin.key:
         return Decision(row, "current", "")
     if row.values["git_dirty"] is not False:
         return Decision(row, "older", "it was not computed by the clean code of a commit")
-    keys = {revision.commit: answers.wanted.get(row.store, {}).get(row.name) for revision, answers in asked}
-    for revision, answers in asked:
-        origin = keys[revision.commit]
-        if origin is not None and origin.key == row.values["key"]:
-            return _judge(row, wanted, revision, answers, reports)
-    return Decision(row, "older", "none of the revisions asks for it as it is")
+    revision = next((one for one in asked if one.wants(row)), None)
+    if revision is None:
+        return Decision(row, "older", "none of the revisions asks for it as it is")
+    return _judge(row, request, revision, reports)
 
 
-def _judge(
-    row: Row, wanted: Wanted, revision: Former, answers: Answers, reports: Sequence[Report]
-) -> Decision:
+def _judge(row: Row, request: Request, revision: Asked, reports: Sequence[Report]) -> Decision:
     """Say whether what a revision computed is what is computed now."""
     at = f"at {revision.commit[:10]}"
-    if not same_request(json.loads(row.values["spec"]), wanted.spec):
+    if not same_request(json.loads(row.values["spec"]), request.spec):
         return Decision(row, "older", f"it was asked for in other words {at}")
-    if answers.tables.get(wanted.spec.domain) != wanted.origin.data:
+    if revision.answers.tables.get(request.spec.domain) != request.origin.data:
         return Decision(row, "older", f"the domain's tables were others {at}")
-    scope = _scope(wanted)
-    then, now = revision.code_hash(SCOPES[scope]), wanted.origin.code
+    scope = _scope(request)
+    then, now = revision.code[scope], request.origin.code
     if then == now:
-        why = f"the definitions it executes are the same as {at}; only where they stand is new"
-        return Decision(row, "re-keyed", why, wanted.origin)
+        why = f"the definitions that it executes are the same {at} and now; only where they stand is new"
+        return Decision(row, "re-keyed", why, request.origin)
     for report in reports:
         if report.covers(scope, then, now, row.preset, row.work):
-            why = f"not the code but what it computes is the same as {at}, bit for bit: {report_name(report)}"
-            return Decision(row, "re-keyed", why, wanted.origin)
-    return Decision(row, "older", f"the code was other {at}, and no report covers {row.work}")
+            why = f"what it computes is the same {at} and now, bit for bit: equivalence/{report.name}"
+            return Decision(row, "re-keyed", why, request.origin)
+    return Decision(row, "older", f"the code for {scope} was other {at}, and no report covers {row.work}")
 
 
 def same_request(stored: Any, present: Any) -> bool:
@@ -186,27 +206,23 @@ def _default(field: dataclasses.Field[Any]) -> Any:
     return field.default if factory is dataclasses.MISSING else factory()
 
 
-def report_name(report: Report) -> str:
-    """Return the name of the file that a report is kept in."""
-    codes = sorted({report.then[scope][:4] + report.now[scope][:4] for scope in SCOPES})
-    return f"equivalence-{report.commit[:10]}-{'-'.join(codes)}.json"
-
-
-def _scope(wanted: Wanted) -> str:
-    if isinstance(wanted.spec, ReferenceSpec):
+def _scope(request: Request) -> str:
+    if isinstance(request.spec, ReferenceSpec):
         return "planning"
-    return "training with physics" if wanted.spec.physics_episodes else "training"
+    return "training with physics" if request.spec.physics_episodes else "training"
 
 
-def _stores(stored: Sequence[Row]) -> dict[str, list[int]]:
-    """Return the seeds of each store's rows."""
-    seeds: dict[str, set[int]] = {}
+def _stores(stored: Sequence[Row]) -> list[tuple[str, str, list[int]]]:
+    """Return the stores of some rows: budget, preset and seeds."""
+    seeds: dict[tuple[str, str], set[int]] = {}
     for row in stored:
-        seeds.setdefault(row.store, set()).add(int(row.values["seed"]))
-    return {store: sorted(found) for store, found in seeds.items()}
+        seeds.setdefault((row.budget, row.preset), set()).add(int(row.values["seed"]))
+    return [(budget, preset, sorted(found)) for (budget, preset), found in seeds.items()]
 
 
-def _wanted(known: Registry, budget: str, preset: str, seeds: Sequence[int]) -> dict[str, Wanted]:
+def _requests(
+    known: Registry, budget: str, preset: str, domains: Collection[str], seeds: Sequence[int]
+) -> dict[str, Request]:
     """Return what the present code asks for in a store, by name; nothing for one that the registry does not know."""
     if budget not in known.budgets or preset not in known.presets:
         return {}
@@ -214,12 +230,12 @@ def _wanted(known: Registry, budget: str, preset: str, seeds: Sequence[int]) -> 
         registry=known,
         budget=budget,
         preset=preset,
-        domains=tuple(known.domains),
+        domains=tuple(name for name in known.domains if name in domains),
         agents=tuple(known.agents),
         references=tuple(known.references),
         seeds=tuple(seeds),
     )
-    return {f"{one.kind} {one.run}": one for one in everything.wanted()}
+    return {f"{one.kind} {one.id}": one for one in everything.requests()}
 
 
 def _with(table: pa.Table, values: Mapping[str, str]) -> pa.Table:
@@ -252,7 +268,7 @@ def _rekey(options: argparse.Namespace) -> int:
     changed = [one for one in decisions if one.origin is not None]
     if not options.dry_run:
         for path, report in zip(options.equivalent, reports, strict=True):
-            kept = options.results / "equivalence" / report_name(report)
+            kept = options.results / "equivalence" / report.name
             kept.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(path, kept)
         for decision in changed:
@@ -275,11 +291,21 @@ def _compare(options: argparse.Namespace) -> int:
             )
         else:
             store = Store(options.results / options.budget / options.preset)
-            report = equivalence.compare_stored(revision, store, options.stored)
+            report = equivalence.compare_stored(revision, store, _matching(options))
     equivalence.write(report, options.out)
     for one in report.comparisons:
         print(f"{one.run}: {'identical' if one.identical else 'other ' + ', '.join(one.differences)}")
     return 0 if report.identical else _FAILED
+
+
+def _matching(options: argparse.Namespace) -> list[str]:
+    """Return the stored rows that were asked for by name or pattern."""
+    stored = [row.run for row in rows(options.results) if row.store == f"{options.budget}/{options.preset}"]
+    found = [run for run in stored if any(fnmatch.fnmatchcase(run, one) for one in options.stored)]
+    if not found:
+        place = options.results / options.budget / options.preset
+        raise RerunError(f"{place} holds no row like {' or '.join(options.stored)}")
+    return found
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -313,7 +339,10 @@ def _parser() -> argparse.ArgumentParser:
     compare.add_argument("--preset", default=known.preset, help="default: %(default)s")
     compare.add_argument("--cell", nargs="+", help="such as hallway/ah-ch (default: all)")
     compare.add_argument(
-        "--stored", nargs="+", metavar="RUN", help="instead compute these stored rows of the revision again"
+        "--stored",
+        nargs="+",
+        metavar="RUN",
+        help="instead compute these stored rows of the revision again, such as hallway/*/seed-0",
     )
     compare.add_argument("--results", type=pathlib.Path, default=pathlib.Path("results/published"))
     compare.set_defaults(command=_compare)

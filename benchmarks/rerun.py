@@ -11,7 +11,7 @@ from typing import Any
 import pandas as pd
 
 from benchmarks.retraining import Fingerprint, fingerprint, of_metrics
-from benchmarks.tasks import ReferenceSpec, Tools
+from benchmarks.tasks import ReferenceSpec, Work
 from bgn.errors import BgnError
 from bgn.results import schema
 from bgn.results.store import Kind, Store
@@ -41,11 +41,11 @@ class Comparison:
         return not self.differences
 
 
-def rerun_and_compare(store: Store, run: str, tools: Tools = Tools()) -> Comparison:  # noqa: B008
+def rerun_and_compare(store: Store, run: str, work: Work = Work()) -> Comparison:  # noqa: B008
     """Compute a finished run or reference row of a store again, from its specification, on the CPU.
 
     A stored run does not depend on the seeds that were trained beside it, so it is trained alone. The store is only
-    read.
+    read. Where it has no policy, as what is published, curve and metrics are compared.
 
     Raises
     ------
@@ -55,13 +55,16 @@ def rerun_and_compare(store: Store, run: str, tools: Tools = Tools()) -> Compari
     kind, row = _row(store, run)
     if kind == "references":
         spec = _specification(ReferenceSpec, row)
-        return Comparison(run, of_metrics(_metrics(row, kind)), of_metrics(tools.evaluate_reference(spec)))
-    (result,) = tools.train_cell(
+        return Comparison(run, of_metrics(_metrics(row, kind)), of_metrics(work.evaluate_reference(spec)))
+    (result,) = work.train_cell(
         _specification(CellSpec, row), [int(row["seed"])], checkpoint=None, on_progress=lambda _: None
     )
     curve = pd.read_parquet(store.shard("curves", run)).drop(columns=["run", "key"])
-    then = fingerprint(curve, _metrics(row, kind), _policy(store.policy(run)))
-    now = fingerprint(result.curve[list(curve.columns)], result.metrics, result.policy)
+    policy = _policy(store.policy(run)) if store.policy(run).exists() else None
+    then = fingerprint(curve, _metrics(row, kind), policy or {})
+    now = fingerprint(
+        result.curve[list(curve.columns)], result.metrics, {} if policy is None else result.policy
+    )
     return Comparison(run, then, now)
 
 

@@ -79,7 +79,7 @@ def retrain_cells(
     for cell in cells:
         domain, agent = cell.split("/")
         for result in train_cell(benchmark.cell(domain, agent, budget=budget, preset=preset), seeds):
-            run = f"{cell}/seed-{result.seed}"
+            run = f"{cell}/seed-{result.seed}"  # as text: run ids had no type at first
             found[run] = fingerprint(result.curve, result.metrics, result.policy)
     return found
 

@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Moment:
+class EpisodeState:
     """Where an episode in physics stands."""
 
     observation: int
@@ -57,27 +57,27 @@ class PhysicsWorld:
         self.task = task(domain, self.scene)
         self._seen = observations(domain)
         self._y = -1
-        self._now: Moment | None = None
+        self._now: EpisodeState | None = None
 
     @property
-    def now(self) -> Moment:
-        """The current moment; an error before the first ``reset``."""
+    def now(self) -> EpisodeState:
+        """The current state; an error before the first ``reset``."""
         if self._now is None:
             raise RuntimeError("reset() must be called before the first step")
         return self._now
 
-    def reset(self, rng: np.random.Generator) -> Moment:
+    def reset(self, rng: np.random.Generator) -> EpisodeState:
         """Begin an episode drawn from the domain's start distribution."""
         return self.reset_to(*draw_start(self.domain, rng))
 
-    def reset_to(self, x: int, y: int) -> Moment:
+    def reset_to(self, x: int, y: int) -> EpisodeState:
         """Begin an episode at a chosen start (x, y)."""
         self._y = y
         step = self.task.reset(x, y)
-        self._now = self._moment(step, start_belief(self.domain, step.x), steps=0)
+        self._now = self._state_after(step, start_belief(self.domain, step.x), steps=0)
         return self._now
 
-    def step(self, action: int) -> Moment:
+    def step(self, action: int) -> EpisodeState:
         """Take one action.
 
         Raises
@@ -94,20 +94,20 @@ class PhysicsWorld:
             raise InputError(f"action {action} is not in 0..{n_actions - 1}")
         step = self.task.act(action)
         belief = now.belief if step.ended else self._next_belief(now, action, step.x)
-        self._now = self._moment(step, belief, steps=now.steps + 1)
+        self._now = self._state_after(step, belief, steps=now.steps + 1)
         return self._now
 
-    def _next_belief(self, now: Moment, action: int, x_next: int) -> Floats:
+    def _next_belief(self, now: EpisodeState, action: int, x_next: int) -> Floats:
         observation = int(self._seen[x_next])
         return next_belief(self.domain, now.belief, action, observation, x=now.x, x_next=x_next)
 
-    def _moment(self, step: Step, belief: Floats, steps: int) -> Moment:
-        return Moment(
+    def _state_after(self, step: Step, belief: Floats, steps: int) -> EpisodeState:
+        return EpisodeState(
             observation=int(self._seen[step.x]),
             x=step.x,
             y=self._y,
             belief=belief,
-            angle=self.scene.outcome.angle,
+            angle=self.scene.measurement.angle,
             ended=step.ended,
             truncated=not step.ended and steps >= self.domain.episode_limit,
             success=step.success,

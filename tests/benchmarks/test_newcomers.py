@@ -178,7 +178,9 @@ def test_a_domain_outside_a_budget(
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('"tiger.pomdp"', '"lion.pomdp"', r"my\.toml: domains\.example-tiger\.file: cannot read .*lion\.pomdp: No"),
+        ('"tiger.pomdp"', '"lion.pomdp"', r"my\.toml: domains\.example-tiger\.file: cannot read .*lion\.pomdp.*No"),
+        ('"tiger.pomdp"', '"ti\\u0000ger"', r"my\.toml: domains\.example-tiger\.file: cannot read .*null"),
+        ('"tiger.pomdp"', '"."', r"my\.toml: domains\.example-tiger\.file: cannot read .*directory"),
         ("episode_limit = 20\n", "", r"my\.toml: domains\.example-tiger\.episode_limit: Field required"),
         ("episode_limit = 20", "episode_limit = 0", r"example-tiger\.episode_limit: .*greater than or equal to 1"),
         ("episode_limit = 20", "episode_limit = 20\nreport_discount = 2.0", r"tiger\.report_discount: .*less than"),
