@@ -102,7 +102,7 @@ class AlphaVectorPolicy:
         if len(self._blocks) == 1:
             return _choose(self._blocks[0], inputs.belief)
         action = torch.empty_like(inputs.observed)
-        for x in inputs.observed.unique().tolist():
+        for x in sorted(set(inputs.observed.tolist())):
             lanes = (inputs.observed == x).nonzero()[:, 0]
             action[lanes] = _choose(self._blocks[x], inputs.belief[lanes])
         return action
@@ -118,8 +118,8 @@ def _block(values: Floats, actions: NDArray[np.int64]) -> _Block:
         values=np.ascontiguousarray(values[kept]),
         actions=actions[kept],
         columns=tuple(
-            piece.contiguous()
-            for piece in torch.from_numpy(values[kept].T.astype(np.float32)).split(VECTORS_AT_ONCE, 1)
+            torch.from_numpy(np.ascontiguousarray(values[piece].T, dtype=np.float32))
+            for piece in (kept[i : i + VECTORS_AT_ONCE] for i in range(0, kept.size, VECTORS_AT_ONCE))
         ),
         actions_tensor=torch.from_numpy(actions[kept]),
     )
@@ -128,7 +128,8 @@ def _block(values: Floats, actions: NDArray[np.int64]) -> _Block:
 def _choose(block: _Block, beliefs: Tensor) -> Tensor:
     """Return the action of the best vector at each belief, piece by piece: products that fit the cache."""
     chosen = []
-    for few in beliefs.split(BELIEFS_AT_ONCE):
+    for start in range(0, len(beliefs), BELIEFS_AT_ONCE):
+        few = beliefs[start : start + BELIEFS_AT_ONCE]
         best, at = (few @ block.columns[0]).max(1)
         first = block.columns[0].shape[1]
         for columns in block.columns[1:]:
