@@ -7,13 +7,14 @@ import contextlib
 import os
 import pathlib
 import sys
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 
 from rich.console import Console
 
 from benchmarks import plan, progress, registry, report
 from benchmarks.events import Event
-from benchmarks.executors import processes, streams
+from benchmarks.executors import packing, processes, sites, streams
+from benchmarks.executors.sites import ClusterError, SchedulerLostError
 from benchmarks.plan import Selection, State
 from benchmarks.registry import Registry, RegistryError
 from benchmarks.tasks import CellTask, ReferenceTask, Task, Tools
@@ -36,13 +37,16 @@ def main(arguments: Sequence[str] | None = None, *, tools: Tools = Tools()) -> i
         options = _parser(benchmark).parse_args(arguments)
         selection = _select(benchmark, options)
         if options.command == "run":
-            _check_device(options.device)
+            _check_device(options.device, options.executor)
             return _run(selection, options, tools, console)
         show = {"status": _show_status, "tables": _show_tables}[options.command]
         return show(selection, options, console)
-    except (RegistryError, StoreError, UnknownDomainError, DeviceError) as error:
+    except (RegistryError, StoreError, UnknownDomainError, DeviceError, ClusterError) as error:
         print(f"error: {error}", file=sys.stderr)
         return _USAGE
+    except SchedulerLostError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return _FAILED
     except KeyboardInterrupt:
         print("interrupted; the same command goes on where this one stopped", file=sys.stderr)
         return _INTERRUPTED
@@ -57,8 +61,11 @@ def _run(selection: Selection, options: argparse.Namespace, tools: Tools, consol
         done = len(wanted) - len(lacking)
         console.print(f"{done} of {len(wanted)} runs and reference rows are done.", highlight=False)
         if tasks:
-            events = _execute(tasks, options, tools)
-            with progress.display(tasks, console) as display, contextlib.closing(events):
+            with (
+                _executor(tasks, options, tools, console) as (parts, events),
+                progress.display(parts, console) as display,
+                contextlib.closing(events),
+            ):
                 for event in events:
                     display.note(event)
     statuses = plan.statuses(wanted, store)
@@ -69,9 +76,14 @@ def _run(selection: Selection, options: argparse.Namespace, tools: Tools, consol
     return _FAILED
 
 
-def _check_device(device: str) -> None:
+def _check_device(device: str, executor: str) -> None:
+    sites.check_name(executor)
     if device == "cpu":
         return
+    if executor != sites.LOCAL:
+        raise DeviceError(
+            f"--executor {executor} trains on cores; use --device cuda on the machine with the GPU"
+        )
     import torch  # imported here because it takes seconds, and only workers need it otherwise
 
     if not torch.cuda.is_available():
@@ -81,7 +93,26 @@ def _check_device(device: str) -> None:
         )
 
 
-def _execute(tasks: Sequence[Task], options: argparse.Namespace, tools: Tools) -> Generator[Event]:
+@contextlib.contextmanager
+def _executor(
+    tasks: Sequence[Task], options: argparse.Namespace, tools: Tools, console: Console
+) -> Iterator[tuple[Sequence[Task], Generator[Event]]]:
+    """Return the tasks as they will be done, and what happens while they are."""
+    tasks = packing.along_checkpoints(tasks)
+    if options.executor == sites.LOCAL:
+        yield tasks, _execute_here(tasks, options, tools)
+        return
+    with sites.connect(options.executor, options.cluster) as site:
+        from benchmarks.executors import cluster  # imported here because only clusters need Dask
+
+        workers = site.workers(wanted=len(tasks))
+        if not workers:
+            console.print(f"No worker has joined {site.address} yet; waiting.", highlight=False)
+        tasks = packing.split(tasks, workers)
+        yield tasks, cluster.run_tasks(tasks, site=site, tools=tools)
+
+
+def _execute_here(tasks: Sequence[Task], options: argparse.Namespace, tools: Tools) -> Generator[Event]:
     """Do all tasks: on the CPU in processes; on a GPU the cells in threads, the planners before them."""
     if options.device == "cpu":
         yield from processes.run_tasks(tasks, jobs=options.jobs, tools=tools)
@@ -133,6 +164,18 @@ def _parser(benchmark: Registry) -> argparse.ArgumentParser:
         _add_selection(command, benchmark)
     run.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="where to train (default: cpu)")
     run.add_argument("--jobs", type=_positive, default=_cores(), help="cells side by side (default: cores)")
+    run.add_argument(
+        "--executor",
+        default=sites.LOCAL,
+        help="local (default), dask://HOST:PORT (a running Dask scheduler), slurm, pbs or lsf; see docs/cluster.md",
+    )
+    run.add_argument(
+        "--cluster",
+        type=pathlib.Path,
+        metavar="FILE",
+        default=pathlib.Path("cluster.toml"),
+        help="what to ask slurm, pbs or lsf for (default: cluster.toml)",
+    )
     return parser
 
 

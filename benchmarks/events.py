@@ -24,6 +24,14 @@ class Advanced:
 
 
 @dataclass(frozen=True)
+class Restarted:
+    """A task's worker was lost; another one took the task up, from its last checkpoint if it has one."""
+
+    task: Task
+    reason: str
+
+
+@dataclass(frozen=True)
 class Finished:
     """A task ended; what it yielded (or its failure) is stored."""
 
@@ -31,4 +39,4 @@ class Finished:
     failure: Failure | None
 
 
-Event = Started | Advanced | Finished
+Event = Started | Advanced | Restarted | Finished

@@ -189,10 +189,11 @@ def load(path: pathlib.Path = DEFAULT_PATH) -> Registry:
     try:
         return Registry.model_validate(data)
     except ValidationError as error:
-        raise RegistryError(f"{path}: {_explain(error)}") from error
+        raise RegistryError(f"{path}: {explain(error)}") from error
 
 
-def _explain(error: ValidationError) -> str:
+def explain(error: ValidationError) -> str:
+    """Say in one line which keys of a file are wrong, and why."""
     lines = []
     for problem in error.errors():
         key = ".".join(str(part) for part in problem["loc"])
@@ -213,7 +214,7 @@ def _check_preset(where: str, preset: Preset, domains: Mapping[str, object]) -> 
         try:
             preset.hyperparameters(domain)
         except ValidationError as error:
-            raise ValueError(f"{where} for {domain}: {_explain(error)}") from error
+            raise ValueError(f"{where} for {domain}: {explain(error)}") from error
 
 
 def _inherited(name: str, presets: Mapping[str, Any], heirs: tuple[str, ...] = ()) -> Any:

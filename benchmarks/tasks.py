@@ -184,7 +184,7 @@ def record_failure(task: Task, failure: Failure) -> None:
 
 def _train(task: CellTask, tools: Tools, started_at: datetime.datetime, listener: ProgressListener) -> None:
     store = Store(task.store)
-    checkpoint = store.checkpoint(task.name, f"{task.origin.key}-{'-'.join(map(str, task.seeds))}")
+    checkpoint = store.checkpoint(task.name, task.origin.key, task.seeds)
     checkpoint.parent.mkdir(parents=True, exist_ok=True)
     results = tools.train_cell(
         task.spec, task.seeds, device=task.device, checkpoint=checkpoint, on_progress=listener
@@ -194,7 +194,7 @@ def _train(task: CellTask, tools: Tools, started_at: datetime.datetime, listener
     rows = _rows(task, {"status": "ok", "error": None, "traceback": None}, started_at)
     for result, values in zip(results, rows, strict=True):
         _store_run(store, task, tools, result, values)
-    store.discard_checkpoints(task.name)
+    store.discard_checkpoints(task.name, task.seeds)
 
 
 def _store_run(store: Store, task: CellTask, tools: Tools, result: RunResult, values: dict[str, Any]) -> None:

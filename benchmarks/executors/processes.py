@@ -33,11 +33,11 @@ def run_tasks(tasks: Sequence[Task], *, jobs: int, tools: Tools) -> Generator[Ev
     Closing the iterator (or an exception in the caller, such as Ctrl-C) stops the workers.
     """
     waiting = deque(tasks)
-    workers: list[_Worker] = []
+    workers: list[Worker] = []
     try:
         while waiting or workers:
             while waiting and len(workers) < jobs:
-                workers.append(_Worker(tools))
+                workers.append(Worker(tools))
                 yield workers[-1].start(waiting.popleft())
             for worker in _ready(workers):
                 for message in worker.messages():
@@ -54,7 +54,7 @@ def run_tasks(tasks: Sequence[Task], *, jobs: int, tools: Tools) -> Generator[Ev
             worker.stop()
 
 
-class _Worker:
+class Worker:
     """A process that does one task after another, seen from the parent."""
 
     def __init__(self, tools: Tools) -> None:
@@ -110,7 +110,7 @@ class _Worker:
             self.process.join()
 
 
-def _ready(workers: Sequence[_Worker]) -> list[_Worker]:
+def _ready(workers: Sequence[Worker]) -> list[Worker]:
     connections = wait([worker.connection for worker in workers])
     return [worker for worker in workers if worker.connection in connections]
 
