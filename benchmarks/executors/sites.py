@@ -83,7 +83,7 @@ class Site:
     def workers(self, wanted: int) -> int:
         """Return how many tasks can run side by side, and replace jobs that ended, if so many are wanted."""
         try:
-            running = sum(self.client.nthreads().values())
+            running = int(sum(self.client.nthreads().values()))
         except OSError:  # the scheduler is gone, which the futures tell as well
             return 0
         if self.cluster is not None and running < min(self.expected, wanted):
