@@ -78,7 +78,7 @@ def sources() -> str:
 
 def token_path(store: pathlib.Path, token: str) -> pathlib.Path:
     """Return where the sender leaves the file that shows who shares the store."""
-    return store / ".work" / token
+    return store / ".work" / f".{token}.partial"  # swept up with torn writes if it is left behind
 
 
 def perform(order: Order) -> Outcome:

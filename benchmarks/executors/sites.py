@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import pathlib
 import re
 import sys
@@ -87,7 +88,7 @@ class Site:
         except OSError:  # the scheduler is gone, which the futures tell as well
             return 0
         if self.cluster is not None and running < min(self.expected, wanted):
-            self.cluster.scale(self.jobs)  # submits jobs only for those that are gone
+            self.cluster.scale(jobs=self.jobs)  # submits jobs only for those that are gone
         return max(running, self.expected)
 
 
@@ -114,6 +115,8 @@ def connect(executor: str, settings: pathlib.Path) -> Iterator[Site]:
         No such executor, nobody answers, jobs cannot be submitted, the settings are wrong, or Dask is not installed.
     """
     check_name(executor)
+    # What it has to say of a lost connection is said in a line, without its traceback.
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     address = _ADDRESS.fullmatch(executor)
     with _existing(address["address"]) if address else _submitted(executor, load(settings)) as site:
         yield site

@@ -6,11 +6,11 @@ import contextlib
 import json
 import os
 import pathlib
-import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 
 ROOT = pathlib.Path(__file__).parents[2]
 _QUIET = ("--host", "127.0.0.1", "--no-dashboard")
@@ -87,23 +87,14 @@ def alive(pid: int) -> bool:
 
 
 @contextlib.contextmanager
-def killing(process: Callable[[], int], when: Callable[[], object]) -> Iterator[Sequence[BaseException]]:
-    """Kill a process from another thread as soon as something happened, while the caller goes on."""
-    import threading
+def acting(act: Callable[[], object], when: Callable[[], object]) -> Iterator[None]:
+    """Act from another thread as soon as something happened, while the caller goes on."""
+    with ThreadPoolExecutor(1) as pool:
 
-    errors: list[BaseException] = []
+        def wait_and_act() -> None:
+            await_(when, "the moment to act")
+            act()
 
-    def wait_and_kill() -> None:
-        try:
-            await_(when, "the moment to kill")
-            os.kill(process(), signal.SIGKILL)
-        except BaseException as error:
-            errors.append(error)
-
-    thread = threading.Thread(target=wait_and_kill)
-    thread.start()
-    try:
-        yield errors
-    finally:
-        thread.join()
-    assert not errors
+        acted = pool.submit(wait_and_act)
+        yield
+        acted.result()
