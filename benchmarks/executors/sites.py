@@ -82,13 +82,23 @@ class Site:
     jobs: int = 0
 
     def workers(self, wanted: int) -> int:
-        """Return how many tasks can run side by side, and replace jobs that ended, if so many are wanted."""
+        """Return how many tasks can run side by side, and replace jobs that ended, if so many are wanted.
+
+        Raises
+        ------
+        ClusterError
+            No job runs, and none can be submitted.
+        """
         try:
             running = int(sum(self.client.nthreads().values()))
         except OSError:  # the scheduler is gone, which the futures tell as well
             return 0
         if self.cluster is not None and running < min(self.expected, wanted):
-            self.cluster.scale(jobs=self.jobs)  # submits jobs only for those that are gone
+            try:
+                _submit(self.cluster, self.jobs)
+            except ClusterError:
+                if not running:
+                    raise
         return max(running, self.expected)
 
 
@@ -158,17 +168,14 @@ def _existing(address: str) -> Iterator[Site]:
 @contextlib.contextmanager
 def _submitted(system: str, settings: Jobs) -> Iterator[Site]:
     distributed = _require("distributed")
-    try:
-        cluster = start(system, settings)
-    except (OSError, RuntimeError, ValueError) as error:
-        raise ClusterError(f"cannot submit jobs to {system}: {error}") from error
-    with cluster, distributed.Client(cluster, set_as_default=False) as client:
+    with start(system, settings) as cluster, distributed.Client(cluster, set_as_default=False) as client:
+        _submit(cluster, settings.jobs)
         expected = settings.jobs * settings.cells_per_job
         yield Site(client, cluster.scheduler_address, expected, cluster, settings.jobs)
 
 
-def start(system: str, settings: Jobs, *, submit: bool = True) -> JobQueueCluster:
-    """Start a scheduler in this process, and submit the jobs that are its workers."""
+def start(system: str, settings: Jobs) -> JobQueueCluster:
+    """Start a scheduler in this process; jobs that are its workers can then be submitted."""
     cluster_class = getattr(_require("dask_jobqueue"), BATCH_SYSTEMS[system])
     options: dict[str, Any] = {
         "cores": settings.cells_per_job,
@@ -184,11 +191,26 @@ def start(system: str, settings: Jobs, *, submit: bool = True) -> JobQueueCluste
         "log_directory": settings.logs,
         "job_name": "bgn",
         "scheduler_options": {"dashboard_address": None, "dashboard": False},
-        "n_workers": settings.jobs if submit else 0,
         ("project" if system == "lsf" else "account"): settings.account,
     }
     cluster: JobQueueCluster = cluster_class(**options)
     return cluster
+
+
+def _submit(cluster: JobQueueCluster, jobs: int) -> None:
+    """Submit jobs until there are so many, running or waiting."""
+    # As `cluster.scale` does, which submits in the background and keeps errors to itself.
+    while len(cluster.worker_spec) < jobs:
+        cluster.worker_spec.update(cluster.new_worker_spec())
+    try:
+        cluster.sync(cluster._correct_state)
+    except (OSError, RuntimeError) as error:
+        for name, job in list(cluster.workers.items()):
+            if job.job_id is None:
+                job.status = _require("distributed").Status.failed
+                del cluster.workers[name]
+        reason = str(error).rpartition("stderr:\n")[2].strip().replace("\n", "; ")
+        raise ClusterError(f"cannot submit jobs to the batch system: {reason}") from error
 
 
 def _require(module: str) -> Any:

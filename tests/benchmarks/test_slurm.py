@@ -103,7 +103,7 @@ def test_jobs_that_cannot_be_submitted_are_said_before_anything_runs(
     asked = command(tmp_path, "ah-ch", jobs=1, directives='["--partition=nowhere"]')
     assert main(asked, tools=fakes.BREAKING) == 2
     error = capsys.readouterr().err
-    assert "cannot submit jobs to slurm" in error
+    assert "cannot submit jobs to the batch system" in error
     assert "invalid partition" in error
     assert stored(tmp_path).read("runs").empty
 
@@ -115,4 +115,4 @@ def test_without_slurm_it_is_said(
     if shutil.which("sbatch"):
         monkeypatch.setenv("PATH", str(tmp_path))
     assert main(command(tmp_path, "ah-ch", jobs=1), tools=fakes.BREAKING) == 2
-    assert "cannot submit jobs to slurm" in capsys.readouterr().err
+    assert "cannot submit jobs to the batch system" in capsys.readouterr().err
