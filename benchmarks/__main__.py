@@ -17,7 +17,7 @@ from benchmarks.executors import packing, processes, sites, streams
 from benchmarks.executors.sites import ClusterError, SchedulerLostError
 from benchmarks.plan import Selection, State
 from benchmarks.registry import Registry, RegistryError
-from benchmarks.tasks import CellTask, ReferenceTask, Task, Tools
+from benchmarks.tasks import CellTask, ReferenceTask, Task, Work
 from bgn.domains import UnknownDomainError
 from bgn.errors import BgnError
 from bgn.results.store import StoreError
@@ -29,16 +29,16 @@ class DeviceError(BgnError, RuntimeError):
     """The device that was asked for is not there."""
 
 
-def main(arguments: Sequence[str] | None = None, *, tools: Tools = Tools()) -> int:  # noqa: B008
+def main(arguments: Sequence[str] | None = None, *, work: Work = Work()) -> int:  # noqa: B008
     """Run a command; return its exit status."""
     console = Console() if sys.stdout.isatty() else Console(width=report.TABLE_WIDTH)
     try:
-        benchmark = registry.load()
+        benchmark = registry.load(_registry_path(arguments))
         options = _parser(benchmark).parse_args(arguments)
         selection = _select(benchmark, options)
         if options.command == "run":
             _check_device(options.device, options.executor)
-            return _run(selection, options, tools, console)
+            return _run(selection, options, work, console)
         show = {"status": _show_status, "tables": _show_tables}[options.command]
         return show(selection, options, console)
     except (RegistryError, StoreError, UnknownDomainError, DeviceError, ClusterError) as error:
@@ -52,23 +52,23 @@ def main(arguments: Sequence[str] | None = None, *, tools: Tools = Tools()) -> i
         return _INTERRUPTED
 
 
-def _run(selection: Selection, options: argparse.Namespace, tools: Tools, console: Console) -> int:
+def _run(selection: Selection, options: argparse.Namespace, work: Work, console: Console) -> int:
     store = selection.store(options.results)
-    wanted = selection.wanted()
+    requests = selection.requests()
     with store.lock():
-        lacking = [s.wanted for s in plan.statuses(wanted, store) if s.state is not State.CURRENT]
-        tasks = selection.tasks(lacking, store, options.device)
-        done = len(wanted) - len(lacking)
-        console.print(f"{done} of {len(wanted)} runs and reference rows are done.", highlight=False)
+        missing = [s.request for s in plan.statuses(requests, store) if s.state is not State.CURRENT]
+        tasks = selection.tasks(missing, store, options.device)
+        done = len(requests) - len(missing)
+        console.print(f"{done} of {len(requests)} runs and reference rows are done.", highlight=False)
         if tasks:
             with (
-                _executor(tasks, options, tools, console) as (parts, events),
+                _executor(tasks, options, work, console) as (parts, events),
                 progress.display(parts, console) as display,
                 contextlib.closing(events),
             ):
                 for event in events:
                     display.note(event)
-    statuses = plan.statuses(wanted, store)
+    statuses = plan.statuses(requests, store)
     report.show_tables(selection, store, console)
     if all(status.state is State.CURRENT for status in statuses):
         return 0
@@ -95,12 +95,12 @@ def _check_device(device: str, executor: str) -> None:
 
 @contextlib.contextmanager
 def _executor(
-    tasks: Sequence[Task], options: argparse.Namespace, tools: Tools, console: Console
+    tasks: Sequence[Task], options: argparse.Namespace, work: Work, console: Console
 ) -> Iterator[tuple[Sequence[Task], Generator[Event]]]:
     """Return the tasks as they will be done, and what happens while they are."""
     tasks = packing.along_checkpoints(tasks)
     if options.executor == sites.LOCAL:
-        yield tasks, _execute_here(tasks, options, tools)
+        yield tasks, _execute_here(tasks, options, work)
         return
     with sites.connect(options.executor, options.cluster) as site:
         from benchmarks.executors import cluster  # imported here because only clusters need Dask
@@ -109,22 +109,22 @@ def _executor(
         if not workers:
             console.print(f"No worker has joined {site.address} yet; waiting.", highlight=False)
         tasks = packing.split(tasks, workers)
-        yield tasks, cluster.run_tasks(tasks, site=site, tools=tools)
+        yield tasks, cluster.run_tasks(tasks, site=site, work=work)
 
 
-def _execute_here(tasks: Sequence[Task], options: argparse.Namespace, tools: Tools) -> Generator[Event]:
+def _execute_here(tasks: Sequence[Task], options: argparse.Namespace, work: Work) -> Generator[Event]:
     """Do all tasks: on the CPU in processes; on a GPU the cells in threads, the planners before them."""
     if options.device == "cpu":
-        yield from processes.run_tasks(tasks, jobs=options.jobs, tools=tools)
+        yield from processes.run_tasks(tasks, jobs=options.jobs, work=work)
         return
     planners = [task for task in tasks if isinstance(task, ReferenceTask)]
     cells = [task for task in tasks if isinstance(task, CellTask)]
-    yield from processes.run_tasks(planners, jobs=options.jobs, tools=tools)
-    yield from streams.run_tasks(cells, jobs=options.jobs, tools=tools)
+    yield from processes.run_tasks(planners, jobs=options.jobs, work=work)
+    yield from streams.run_tasks(cells, jobs=options.jobs, work=work)
 
 
 def _show_status(selection: Selection, options: argparse.Namespace, console: Console) -> int:
-    statuses = plan.statuses(selection.wanted(), selection.store(options.results))
+    statuses = plan.statuses(selection.requests(), selection.store(options.results))
     report.show_status(selection, statuses, console)
     return 0
 
@@ -142,12 +142,30 @@ def _select(benchmark: Registry, options: argparse.Namespace) -> Selection:
         registry=benchmark,
         budget=options.budget,
         preset=options.preset,
-        domains=benchmark.select("domain", options.domain),
+        domains=benchmark.select_domains(options.domain, budget=options.budget),
         agents=() if only_references and not only_agents else benchmark.select("agent", options.agent),
         references=(
             () if only_agents and not only_references else benchmark.select("reference", options.reference)
         ),
         seeds=options.seeds or tuple(range(budget.seeds)),
+    )
+
+
+def _registry_path(arguments: Sequence[str] | None) -> pathlib.Path:
+    """Return the file that ``--registry`` names: it says which names the other options may hold."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", add_help=False, allow_abbrev=False)
+    _add_registry(parser)
+    path: pathlib.Path = parser.parse_known_args(arguments)[0].registry
+    return path
+
+
+def _add_registry(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--registry",
+        type=pathlib.Path,
+        metavar="FILE",
+        default=registry.DEFAULT_PATH,
+        help='another registry; with `extends = "shipped"` it adds to the one that is shipped',
     )
 
 
@@ -180,6 +198,7 @@ def _parser(benchmark: Registry) -> argparse.ArgumentParser:
 
 
 def _add_store(command: argparse.ArgumentParser, benchmark: Registry) -> None:
+    _add_registry(command)
     for kind in ("budget", "preset"):
         default, known = getattr(benchmark.defaults, kind), ", ".join(getattr(benchmark, kind + "s"))
         command.add_argument(f"--{kind}", default=default, help=f"{known} (default: {default})")
@@ -204,7 +223,9 @@ def parse_seeds(text: str) -> tuple[int, ...]:
     for part in text.split(","):
         first, dash, last = part.partition("-")
         if not first.isdecimal() or (dash and not last.isdecimal()) or (dash and int(last) < int(first)):
-            raise argparse.ArgumentTypeError(f"{part!r} is no seed or rising range; write 0-9 or 0,2,5-7")
+            raise argparse.ArgumentTypeError(
+                f"{part!r} is not a seed or a rising range; write 0-9 or 0,2,5-7"
+            )
         seeds.update(range(int(first), int(last or first) + 1))
     return tuple(sorted(seeds))
 

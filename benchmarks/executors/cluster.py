@@ -23,14 +23,14 @@ from distributed.scheduler import KilledWorker
 from benchmarks.events import Advanced, Event, Finished, Restarted, Started
 from benchmarks.executors.remote import Order, Outcome, perform, sources, token_path
 from benchmarks.executors.sites import SchedulerLostError, Site
-from benchmarks.tasks import Failure, Task, Tools, now, record_failure
+from benchmarks.tasks import Failure, Task, Work, now, record_failure
 from bgn.results.store import Store
 from bgn.training.cell import Progress
 
 _SECONDS_BETWEEN_COUNTS = 2.0
 
 
-def run_tasks(tasks: Sequence[Task], *, site: Site, tools: Tools) -> Generator[Event]:
+def run_tasks(tasks: Sequence[Task], *, site: Site, work: Work) -> Generator[Event]:
     """Do all tasks, in order, as many at a time as the site has workers; yield what happens.
 
     Closing the iterator makes the workers stop; checkpoints in a shared store stand.
@@ -40,7 +40,7 @@ def run_tasks(tasks: Sequence[Task], *, site: Site, tools: Tools) -> Generator[E
     SchedulerLostError
         The scheduler is gone, and with it everything that was not stored.
     """
-    run = _Run(tasks, site, tools)
+    run = _Run(tasks, site, work)
     try:
         yield from run.events()
     finally:
@@ -50,8 +50,8 @@ def run_tasks(tasks: Sequence[Task], *, site: Site, tools: Tools) -> Generator[E
 class _Run:
     """Tasks on their way through a cluster."""
 
-    def __init__(self, tasks: Sequence[Task], site: Site, tools: Tools) -> None:
-        self.tasks, self.site, self.tools = tasks, site, tools
+    def __init__(self, tasks: Sequence[Task], site: Site, work: Work) -> None:
+        self.tasks, self.site, self.work = tasks, site, work
         self.topic = f"bgn-{uuid.uuid4().hex}"
         self.sources = sources()
         self.waiting = deque(range(len(tasks)))
@@ -98,7 +98,7 @@ class _Run:
         order = Order(
             number=number,
             task=replace(task, store=pathlib.Path(task.store).resolve()),
-            tools=self.tools,
+            work=self.work,
             topic=self.topic,
             sources=self.sources,
             token=self.topic,

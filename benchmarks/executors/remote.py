@@ -24,7 +24,7 @@ import benchmarks
 import bgn
 from benchmarks.events import Advanced, Finished
 from benchmarks.executors.processes import Worker
-from benchmarks.tasks import Failure, Task, Tools
+from benchmarks.tasks import Failure, Task, Work
 from bgn.errors import BgnError
 from bgn.training.cell import Progress
 
@@ -46,7 +46,7 @@ class Order:
     number: int
     """What the worker calls the task when it reports."""
     task: Task
-    tools: Tools
+    work: Work
     topic: str
     """Where the worker reports."""
     sources: str
@@ -114,7 +114,7 @@ def _do(order: Order, task: Task) -> Failure | None:
     def tell(**message: Any) -> None:
         worker.log_event(order.topic, {"number": order.number, **message})
 
-    process = _hire(order.tools)
+    process = _hire(order.work)
     try:
         process.start(task)
         tell(started=worker.address)
@@ -125,7 +125,7 @@ def _do(order: Order, task: Task) -> Failure | None:
         process.stop()
         raise
     if process.alive:
-        _idle.append((order.tools, process))
+        _idle.append((order.work, process))
     else:
         process.stop()
     return failure
@@ -165,22 +165,22 @@ def _wanted(worker: distributed.Worker, key: object) -> bool:
     return task is not None and task.state == "executing"
 
 
-_idle: list[tuple[Tools, Worker]] = []
+_idle: list[tuple[Work, Worker]] = []
 """Processes between two tasks, ready for the next one."""
 _starting = threading.Lock()
 
 
-def _hire(tools: Tools) -> Worker:
+def _hire(work: Work) -> Worker:
     """Return an idle process, or a new one."""
     while True:
         try:
             knows, process = _idle.pop()
         except IndexError:
             break
-        if knows == tools and process.process.is_alive():
+        if knows == work and process.process.is_alive():
             return process
         process.stop()
     with _starting:  # starting a process changes this one's environment for a moment
         # Dask's nanny marks its workers as daemons, which may have no children. Ours do not outlive their pipe.
         multiprocessing.current_process().daemon = False
-        return Worker(tools)
+        return Worker(work)

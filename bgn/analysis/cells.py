@@ -1,11 +1,12 @@
-"""One row a cell: what our runs show, what the paper offers for it, and the verdict."""
+"""One row per cell: what our runs show, what the paper offers for it, and the verdict."""
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields
 from typing import Any, Literal
 
 import pandas as pd
@@ -13,6 +14,7 @@ import pandas as pd
 from bgn.analysis import paper, verdicts
 from bgn.analysis.statistics import Sample, prediction_interval
 from bgn.analysis.verdicts import Judgement, Verdict
+from bgn.results.schema import CLEAN, Convention
 
 GROUNDED = "ah-ch+bgn"
 """The agent that the paper's claims about robot domains compare with."""
@@ -26,30 +28,64 @@ class DomainRow:
     title: str
     family: Literal["classic", "robot"]
     metric: str
-    """The column of ``runs`` the paper reports."""
+    """The column of ``runs`` that is judged: what the paper reports."""
     tolerance: float
+    """What difference from the paper is negligible, in the metric's unit."""
+    opening: Convention = CLEAN
+    """How the episodes of agents open."""
 
 
-def summarise(runs: pd.DataFrame, domains: Sequence[DomainRow]) -> pd.DataFrame:
-    """Return a row for each cell that has finished runs, in the order of ``domains`` and the paper's agents.
+@dataclass(frozen=True, kw_only=True)
+class CellRow:
+    """What is known of a cell: a row of :func:`summarise`."""
 
-    ``runs`` holds finished runs only, with a flag ``older`` for those of other code, settings or tables.
+    domain: str
+    agent: str
+    metric: str
+    """The column of ``runs`` that is judged."""
+    runs: int
+    """How many are finished."""
+    mean: float
+    sd: float
+    """Over runs, ddof 0 as in the paper."""
+    older_runs: int
+    """How many are of other code, settings or domain tables than the present ones."""
+    reference_kind: str
+    """What the paper offers: ``numeric``, ``claim`` or ``none``."""
+    paper_mean: float
+    paper_sd: float
+    paper_claim: str | None
+    predicted_low: float
+    predicted_high: float
+    """Between them the mean of as many runs would lie in 19 of 20 repetitions of the paper's experiment."""
+    tolerance: float
+    p_difference: float
+    p_equivalence: float
+    """Of the tests that the verdict rests on; NaN where one does not apply."""
+    verdict: str
+    """A value of :class:`bgn.analysis.verdicts.Verdict`."""
+
+
+def summarise(runs: pd.DataFrame, domains: Sequence[DomainRow], agents: Iterable[str]) -> pd.DataFrame:
+    """Return a row for each cell that has finished runs, in the order of ``domains`` and ``agents``.
+
+    ``runs`` holds finished runs only, with a flag ``older`` for those of other code, settings or tables. The columns
+    are the fields of :class:`CellRow`.
     """
     groups = dict(iter(runs.groupby(["domain", "agent"]))) if len(runs) else {}
-    samples: dict[tuple[str, str], Sample] = {}
-    for domain in domains:
-        for agent in paper.AGENTS:
-            if (domain.id, agent) in groups:
-                group = groups[domain.id, agent]
-                samples[domain.id, agent] = Sample.of(group[domain.metric].tolist())
+    order = itertools.product(domains, agents)
+    samples = {
+        (domain.id, agent): Sample.of(groups[domain.id, agent][domain.metric].tolist())
+        for domain, agent in order
+        if (domain.id, agent) in groups
+    }
     judgements = _judge(samples, groups, domains)
     by_id = {domain.id: domain for domain in domains}
-    return pd.DataFrame(
-        [
-            _cell(by_id[cell[0]], cell[1], sample, int(groups[cell]["older"].sum()), judgements.get(cell))
-            for cell, sample in samples.items()
-        ]
-    )
+    rows = [
+        _cell(by_id[cell[0]], cell[1], sample, int(groups[cell]["older"].sum()), judgements.get(cell))
+        for cell, sample in samples.items()
+    ]
+    return pd.DataFrame(rows, columns=[field.name for field in fields(CellRow)])
 
 
 def _judge(
@@ -75,9 +111,7 @@ def _pooled_successes(runs: pd.DataFrame) -> tuple[int, int]:
     return sum(successes), sum(episodes)
 
 
-def _cell(
-    domain: DomainRow, agent: str, sample: Sample, older: int, judgement: Judgement | None
-) -> dict[str, str | int | float | None]:
+def _cell(domain: DomainRow, agent: str, sample: Sample, older: int, judgement: Judgement | None) -> CellRow:
     kind = paper.reference_kind(domain.id, agent)
     if judgement is None:
         judgement = Judgement(Verdict.NO_REFERENCE if kind == "none" else Verdict.TOO_FEW_RUNS)
@@ -86,22 +120,22 @@ def _cell(
     predicted = (math.nan, math.nan)
     if printed:
         predicted = prediction_interval(Sample(printed.mean, printed.sd, paper.SEEDS), n=sample.n)
-    return {
-        "domain": domain.id,
-        "agent": agent,
-        "metric": domain.metric,
-        "runs": sample.n,
-        "mean": sample.mean,
-        "sd": sample.sd,
-        "older_runs": older,
-        "reference_kind": kind,
-        "paper_mean": printed.mean if printed else math.nan,
-        "paper_sd": printed.sd if printed else math.nan,
-        "paper_claim": claim.text if claim else None,
-        "predicted_low": predicted[0],
-        "predicted_high": predicted[1],
-        "tolerance": domain.tolerance,
-        "p_difference": judgement.p_difference,
-        "p_equivalence": judgement.p_equivalence,
-        "verdict": judgement.verdict.value,
-    }
+    return CellRow(
+        domain=domain.id,
+        agent=agent,
+        metric=domain.metric,
+        runs=sample.n,
+        mean=sample.mean,
+        sd=sample.sd,
+        older_runs=older,
+        reference_kind=kind,
+        paper_mean=printed.mean if printed else math.nan,
+        paper_sd=printed.sd if printed else math.nan,
+        paper_claim=claim.text if claim else None,
+        predicted_low=predicted[0],
+        predicted_high=predicted[1],
+        tolerance=domain.tolerance,
+        p_difference=judgement.p_difference,
+        p_equivalence=judgement.p_equivalence,
+        verdict=judgement.verdict.value,
+    )

@@ -1,9 +1,11 @@
-"""Learning curves as the paper draws them: one panel a domain, one line an agent."""
+"""Learning curves as the paper draws them: one panel per domain, one line per agent."""
 
 from __future__ import annotations
 
 import io
+import itertools
 import math
+from collections.abc import Iterable
 
 import numpy as np
 import pandas as pd
@@ -14,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter
 
 from bgn.analysis.cells import DomainRow
-from bgn.analysis.tables import Evidence
+from bgn.analysis.evidence import Evidence
 from bgn.results.schema import CLEAN
 
 _COLUMNS = 4
@@ -22,7 +24,7 @@ _PANEL_INCHES = (3.6, 2.7)
 _WINDOW = 100  # episodes behind each mean
 _POINTS = 200  # of the common grid of environment steps
 
-#: One colour an agent, told apart by most eyes (Okabe and Ito).
+#: One colour per agent, told apart by most eyes (Okabe and Ito).
 _COLOURS = {
     "ah-ch": "#0072B2",
     "ah-ch+bgn": "#D55E00",
@@ -31,6 +33,8 @@ _COLOURS = {
     "ah-cb": "#E69F00",
     "ab-cb+bgn": "#56B4E9",
 }
+#: For agents that the paper does not have (Tol's muted scheme).
+_FURTHER_COLOURS = ("#332288", "#882255", "#999933", "#117733", "#DDCC77", "#88CCEE")
 
 
 def learning_curves(evidence: Evidence, curves: pd.DataFrame) -> bytes:
@@ -78,11 +82,12 @@ def _draw(axes: Axes, domain: DomainRow, evidence: Evidence, curves: pd.DataFram
     # Before that, the mean is over the few episodes that happened to end soonest.
     curves = curves[curves["episodes"] >= _WINDOW]
     quantity = "return" if domain.family == "classic" else "success"
-    for agent, title in evidence.agents.items():
+    colours = _colours(evidence.agent_titles)
+    for agent, title in evidence.agent_titles.items():
         line = band(curves[curves["agent"] == agent], f"{quantity}_100")
         if len(line):
             steps, mean, sd = line["env_steps"], line["mean"], line["sd"]
-            colour = _COLOURS.get(agent)
+            colour = colours[agent]
             axes.plot(steps, mean, color=colour, label=title, linewidth=1.4)
             axes.fill_between(steps, mean - sd, mean + sd, color=colour, alpha=0.15, linewidth=0)
     best = evidence.reference(domain.id, "sarsop" if domain.family == "classic" else "perfect", CLEAN)
@@ -96,3 +101,9 @@ def _draw(axes: Axes, domain: DomainRow, evidence: Evidence, curves: pd.DataFram
     axes.tick_params(labelsize=8)
     axes.xaxis.set_major_formatter(EngFormatter(sep=""))
     axes.spines[["top", "right"]].set_visible(False)
+
+
+def _colours(agents: Iterable[str]) -> dict[str, str]:
+    """Return a colour for every agent: the same in all panels."""
+    further = itertools.cycle(_FURTHER_COLOURS)
+    return {agent: _COLOURS.get(agent) or next(further) for agent in agents}

@@ -1,8 +1,8 @@
 """The tables that runs leave behind, column by column.
 
-``runs``        one row a run: who, how it ended, final metrics, provenance.
-``curves``      one row a logged update of a run: see :attr:`bgn.training.cell.RunResult.curve`.
-``references``  one row a reference policy, domain and convention.
+``runs``        one row per run: who, how it ended, final metrics, provenance.
+``curves``      one row per logged update of a run: see :attr:`bgn.training.cell.RunResult.curve`.
+``references``  one row per reference policy, domain and convention.
 """
 
 from __future__ import annotations
@@ -44,6 +44,9 @@ REFERENCE_IDENTITY: Columns = {
     "preset": _TEXT,
 }
 
+RowKind = Literal["runs", "references"]
+IDENTITIES: Mapping[RowKind, Columns] = {"runs": RUN_IDENTITY, "references": REFERENCE_IDENTITY}
+
 #: How it ended: ``ok`` or ``failed``, and then why.
 OUTCOME: Columns = {"status": _TEXT, "error": _TEXT, "traceback": _TEXT}
 
@@ -70,6 +73,10 @@ PROVENANCE: Columns = {
     "version_mujoco": _TEXT,
     "version_numba": _TEXT,
 }
+
+#: Further columns of a row that was given a new key, because the code that computed it was shown to be equal to newer
+#: code (``python -m benchmarks.migration``): what it was stored under at first, and how that was shown.
+REKEYING: Columns = {"former_key": _TEXT, "former_code_hash": _TEXT, "rekeyed_because": _TEXT}
 
 #: Metrics every finished run has; further ones (physics) are columns of their own.
 RUN_METRICS = (
@@ -106,7 +113,7 @@ class SchemaError(BgnError, ValueError):
 
 
 def row(identity: Columns, values: Mapping[str, Any], metrics: Mapping[str, float]) -> pa.Table:
-    """Return a one-row table: identity, outcome, provenance, and one float column a metric.
+    """Return a one-row table: identity, outcome, provenance, and one float column per metric.
 
     Raises
     ------

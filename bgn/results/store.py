@@ -1,4 +1,4 @@
-"""The store: a folder of small parquet shards, one a run, each written in one atomic step.
+"""The store: a folder of small parquet shards, one per run, each written in one atomic step.
 
 Under ``results/local/<budget>/<preset>/``, for the run ``hallway/ah-ch/seed-3``:
 
@@ -15,10 +15,8 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
-import os
 import pathlib
-import platform
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Literal
 
 import pandas as pd
@@ -26,6 +24,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from bgn.errors import BgnError
+from bgn.results.atomic import TORN, write_atomically, write_bytes
 
 Kind = Literal["runs", "curves", "references"]
 _FAILED = ".failed"
@@ -120,7 +119,7 @@ class Store:
             except BlockingIOError as error:
                 message = f"another process is writing to {self.root}; wait for it or stop it"
                 raise StoreError(message) from error
-            for torn in self.root.rglob(".*.partial"):
+            for torn in self.root.rglob(TORN):
                 torn.unlink(missing_ok=True)
             yield
 
@@ -128,37 +127,6 @@ class Store:
 def write_parquet(path: pathlib.Path, table: pa.Table) -> None:
     """Write a parquet file in one atomic step."""
     write_atomically(path, lambda partial: pq.write_table(table, partial, compression="zstd"))
-
-
-def write_bytes(path: pathlib.Path, content: bytes) -> None:
-    """Write a file in one atomic step."""
-
-    def write(partial: pathlib.Path) -> None:
-        partial.write_bytes(content)
-
-    write_atomically(path, write)
-
-
-def write_atomically(path: pathlib.Path, write: Callable[[pathlib.Path], None]) -> None:
-    """Let ``write`` fill a temporary file, flush it to the disk, and rename it to ``path``."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    # A folder may be shared by machines, whose process ids coincide.
-    partial = path.with_name(f".{path.name}.{platform.node()}.{os.getpid()}.partial")
-    try:
-        write(partial)
-        _flush(partial)
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
-    _flush(path.parent)
-
-
-def _flush(path: pathlib.Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def _stack(checkpoint: pathlib.Path) -> tuple[int, ...]:

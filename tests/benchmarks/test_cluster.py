@@ -24,7 +24,7 @@ from benchmarks.executors.packing import split
 from benchmarks.executors.remote import Outcome
 from benchmarks.executors.sites import Site
 from benchmarks.plan import Selection
-from benchmarks.tasks import CellTask, Task, Tools
+from benchmarks.tasks import CellTask, Task, Work
 from bgn.results.store import Store
 from bgn.training.trainer import train_cell
 from tests.benchmarks import fakes
@@ -57,18 +57,18 @@ def site(cluster: Cluster) -> Iterator[Site]:
 def tasks(results: pathlib.Path, agents: Sequence[str], seeds: Sequence[int] = (0, 1)) -> list[Task]:
     domain = ("top-plate",)
     selection = Selection(registry.load(), "smoke", "authors-code", domain, tuple(agents), (), tuple(seeds))
-    return selection.tasks(selection.wanted(), Store(results), "cpu")
+    return selection.tasks(selection.requests(), Store(results), "cpu")
 
 
-def do(work: Sequence[Task], site: Site, tools: Tools) -> list[Event]:
-    with contextlib.closing(executor.run_tasks(work, site=site, tools=tools)) as events:
+def do(todo: Sequence[Task], site: Site, work: Work) -> list[Event]:
+    with contextlib.closing(executor.run_tasks(todo, site=site, work=work)) as events:
         return list(events)
 
 
 def test_every_task_starts_advances_and_finishes(tmp_path: pathlib.Path, site: Site) -> None:
-    work = tasks(tmp_path, ("ah-ch", "ah-cb", "ab-cb+bgn"))
-    events = do(work, site, fakes.BREAKING)
-    for task in work:
+    todo = tasks(tmp_path, ("ah-ch", "ah-cb", "ab-cb+bgn"))
+    events = do(todo, site, fakes.BREAKING)
+    for task in todo:
         own = [type(event) for event in events if event.task is task]
         assert (own[0], own[-1], set(own[1:-1])) == (Started, Finished, {Advanced})
     runs = Store(tmp_path).read("runs")
@@ -80,8 +80,8 @@ def test_every_task_starts_advances_and_finishes(tmp_path: pathlib.Path, site: S
 
 
 def test_errors_are_rows_not_repeated_and_the_rest_goes_on(tmp_path: pathlib.Path, site: Site) -> None:
-    work = tasks(tmp_path, (fakes.DYING_AGENT, fakes.FAILING_AGENT, "ah-ch"))
-    events = do(work, site, fakes.BREAKING)
+    todo = tasks(tmp_path, (fakes.DYING_AGENT, fakes.FAILING_AGENT, "ah-ch"))
+    events = do(todo, site, fakes.BREAKING)
     assert not [event for event in events if isinstance(event, Restarted)]
     failures = {event.task.name: event.failure for event in events if isinstance(event, Finished)}
     assert len(failures) == 3
@@ -96,8 +96,8 @@ def test_without_a_shared_folder_shards_come_through_the_scheduler(
     tmp_path: pathlib.Path, site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(executor, "token_path", lambda store, token: tmp_path / "elsewhere" / token)
-    work = tasks(tmp_path / "ours", ("ah-ch", fakes.FAILING_AGENT))
-    events = do(work, site, fakes.BREAKING)
+    todo = tasks(tmp_path / "ours", ("ah-ch", fakes.FAILING_AGENT))
+    events = do(todo, site, fakes.BREAKING)
     assert sum(isinstance(event, Finished) and event.failure is None for event in events) == 1
     store = Store(tmp_path / "ours")
     runs = store.read("runs").set_index("run")["status"]
@@ -119,15 +119,15 @@ def test_workers_with_other_sources_compute_nothing(
 
 
 def test_closing_stops_the_work_and_keeps_checkpoints(tmp_path: pathlib.Path, site: Site) -> None:
-    work = tasks(tmp_path, ("ah-ch",))
-    with contextlib.closing(executor.run_tasks(work, site=site, tools=fakes.HANGING)) as events:
+    todo = tasks(tmp_path, ("ah-ch",))
+    with contextlib.closing(executor.run_tasks(todo, site=site, work=fakes.HANGING)) as events:
         assert isinstance(next(events), Started)
         assert isinstance(next(events), Advanced)
     (child,) = checkpointed(tmp_path)
     await_(lambda: not alive(child), "an end of the training process")
     assert Store(tmp_path).read("runs").empty  # nothing failed: it was stopped
     assert isinstance(
-        do(work, site, fakes.HANGING)[-1], Finished
+        do(todo, site, fakes.HANGING)[-1], Finished
     )  # the fake ends where there is a checkpoint
     assert set(Store(tmp_path).read("runs")["status"]) == {"ok"}
 
@@ -137,7 +137,7 @@ def test_a_cell_over_two_workers_trains_as_one_stack(tmp_path: pathlib.Path, sit
     assert isinstance(cell, CellTask)
     parts = split([cell], 2)
     assert [part.seeds for part in parts if isinstance(part, CellTask)] == [(0,), (1,)]
-    do(parts, site, Tools())
+    do(parts, site, Work())
     curves = Store(tmp_path).read("curves")
     for stacked, run in zip(train_cell(cell.spec, cell.seeds), cell.runs, strict=True):
         ours = curves[curves["run"] == run].sort_values("env_steps").reset_index(drop=True)
@@ -149,9 +149,9 @@ def test_a_cell_over_two_workers_trains_as_one_stack(tmp_path: pathlib.Path, sit
 
 
 def test_a_lost_worker_is_replaced_by_another(tmp_path: pathlib.Path, cluster: Cluster, site: Site) -> None:
-    work = tasks(tmp_path, ("ah-ch",))
+    todo = tasks(tmp_path, ("ah-ch",))
     events = []
-    for event in executor.run_tasks(work, site=site, tools=fakes.HANGING):
+    for event in executor.run_tasks(todo, site=site, work=fakes.HANGING):
         events.append(event)
         if isinstance(event, Advanced) and len(cluster.workers) == 2:
             (child,) = checkpointed(tmp_path)
@@ -184,7 +184,7 @@ def test_a_lost_scheduler_ends_the_command_and_the_next_one_goes_on(
     ]
     command += ["--seeds", "0"]
     with acting(lambda: cluster.scheduler.kill(), when=lambda: checkpointed(tmp_path)):
-        assert main([*command, "--executor", cluster.executor], tools=fakes.HANGING) == 1
+        assert main([*command, "--executor", cluster.executor], work=fakes.HANGING) == 1
     assert f"the Dask scheduler at {cluster.address} is gone" in capsys.readouterr().err
     store = Store(tmp_path / "smoke" / PRESET)
     assert store.read("runs").empty
@@ -192,7 +192,7 @@ def test_a_lost_scheduler_ends_the_command_and_the_next_one_goes_on(
         await_(lambda child=child: not alive(child), "an end of the training process")
 
     cluster.complete(workers=2)
-    assert main([*command, "--executor", cluster.executor], tools=fakes.HANGING) == 0
+    assert main([*command, "--executor", cluster.executor], work=fakes.HANGING) == 0
     assert len(store.read("runs")) == 1
     assert not list(tmp_path.rglob("*.checkpoint"))
     printed = capsys.readouterr().out

@@ -23,7 +23,7 @@ def tasks(store: pathlib.Path, agents: tuple[str, ...], seeds: tuple[int, ...] =
 @functools.cache
 def planned(agents: tuple[str, ...], seeds: tuple[int, ...]) -> list[Task]:
     selection = Selection(registry.load(), "smoke", "authors-code", ("hallway",), agents, ("random",), seeds)
-    return selection.tasks(selection.wanted(), Store(pathlib.Path("nowhere")), "cpu")
+    return selection.tasks(selection.requests(), Store(pathlib.Path("nowhere")), "cpu")
 
 
 def cells(parts: list[Task]) -> list[tuple[str, tuple[int, ...]]]:

@@ -69,7 +69,7 @@ def test_jobs_train_what_this_process_would(tmp_path: pathlib.Path, slurm: Slurm
     await_(lambda: not slurm.command("squeue", "-h"), "an end of the jobs")
     preset = registry.load().defaults.preset
     selection = Selection(registry.load(), "smoke", preset, ("top-plate",), ("ah-ch+bgn",), (), (0, 1))
-    (cell,) = selection.tasks(selection.wanted(), stored(tmp_path), "cpu")
+    (cell,) = selection.tasks(selection.requests(), stored(tmp_path), "cpu")
     assert isinstance(cell, CellTask)
     runs, curves = stored(tmp_path).read("runs"), stored(tmp_path).read("curves")
     assert [list(stack) for stack in runs["stack_seeds"]] == [[0], [1]], "two jobs share the cell"
@@ -91,7 +91,7 @@ def test_a_cancelled_job_is_replaced(
         slurm.command("scancel", "--signal=KILL", "--full", *lost)
 
     with acting(cancel, when=lambda: checkpointed(tmp_path)):
-        assert main([*command(tmp_path, "ah-ch", jobs=1), "--seeds", "0"], tools=fakes.HANGING) == 0
+        assert main([*command(tmp_path, "ah-ch", jobs=1), "--seeds", "0"], work=fakes.HANGING) == 0
     assert "again  top-plate/ah-ch: its worker was lost" in capsys.readouterr().out
     assert len(lost) == 1
     assert set(stored(tmp_path).read("runs")["status"]) == {"ok"}
@@ -101,7 +101,7 @@ def test_jobs_that_cannot_be_submitted_are_said_before_anything_runs(
     tmp_path: pathlib.Path, slurm: Slurm, capsys: pytest.CaptureFixture[str]
 ) -> None:
     asked = command(tmp_path, "ah-ch", jobs=1, directives='["--partition=nowhere"]')
-    assert main(asked, tools=fakes.BREAKING) == 2
+    assert main(asked, work=fakes.BREAKING) == 2
     error = capsys.readouterr().err
     assert "cannot submit jobs to the batch system" in error
     assert "invalid partition" in error
@@ -114,5 +114,5 @@ def test_without_slurm_it_is_said(
     monkeypatch.setenv("PATH", os.path.dirname(shutil.which("true") or ""))
     if shutil.which("sbatch"):
         monkeypatch.setenv("PATH", str(tmp_path))
-    assert main(command(tmp_path, "ah-ch", jobs=1), tools=fakes.BREAKING) == 2
+    assert main(command(tmp_path, "ah-ch", jobs=1), work=fakes.BREAKING) == 2
     assert "cannot submit jobs to the batch system" in capsys.readouterr().err

@@ -7,7 +7,8 @@ import pyarrow as pa
 import pytest
 
 from bgn.results import store as store_module
-from bgn.results.store import Store, StoreError, write_atomically, write_bytes
+from bgn.results.atomic import write_atomically, write_bytes
+from bgn.results.store import Store, StoreError
 
 RUN = "hallway/ah-ch+bgn/seed-3"
 
