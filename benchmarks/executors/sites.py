@@ -190,7 +190,7 @@ def start(system: str, settings: Jobs) -> JobQueueCluster:
         "local_directory": settings.scratch,
         "log_directory": settings.logs,
         "job_name": "bgn",
-        "scheduler_options": {"dashboard_address": None, "dashboard": False},
+        "scheduler_options": {"dashboard_address": ":0"},
         ("project" if system == "lsf" else "account"): settings.account,
     }
     cluster: JobQueueCluster = cluster_class(**options)

@@ -38,8 +38,9 @@ class Cluster:
             self.scheduler = self._start("dask_scheduler", "--port", "0", "--scheduler-file", str(file))
             await_(file.exists, "a scheduler")
             self.address = json.loads(file.read_text())["address"].removeprefix("tcp://")
-            for worker in self.workers:  # those of an earlier scheduler end by themselves
-                worker.wait(30)
+            for worker in self.workers:  # those of an earlier scheduler, some of which still look for it
+                worker.kill()
+                worker.wait()
         self.workers = [worker for worker in self.workers if worker.poll() is None]
         while len(self.workers) < workers:
             arguments = (f"tcp://{self.address}", "--no-nanny", "--nthreads", "1")

@@ -183,13 +183,20 @@ def test_a_lost_scheduler_ends_the_command_and_the_next_one_goes_on(
         "ah-ch",
     ]
     command += ["--seeds", "0"]
-    with acting(lambda: cluster.scheduler.kill(), when=lambda: checkpointed(tmp_path)):
+    busy = []
+
+    def kill_scheduler() -> None:
+        busy.append(cluster.worker_of(*checkpointed(tmp_path)))
+        cluster.scheduler.kill()
+
+    with acting(kill_scheduler, when=lambda: checkpointed(tmp_path)):
         assert main([*command, "--executor", cluster.executor], work=fakes.HANGING) == 1
     assert f"the Dask scheduler at {cluster.address} is gone" in capsys.readouterr().err
     store = Store(tmp_path / "smoke" / PRESET)
     assert store.read("runs").empty
-    for child in checkpointed(tmp_path):
-        await_(lambda child=child: not alive(child), "an end of the training process")
+    (child,) = checkpointed(tmp_path)
+    await_(lambda: not alive(child), "an end of the training process")
+    busy[0].wait(30)  # a worker that lost its scheduler ends by itself
 
     cluster.complete(workers=2)
     assert main([*command, "--executor", cluster.executor], work=fakes.HANGING) == 0

@@ -93,7 +93,7 @@ def test_without_dask_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> Non
             ["#SBATCH -p long", "#SBATCH -A robots", "#SBATCH --cpus-per-task=4", "#SBATCH --exclusive"],
         ),
         ("pbs", ["#PBS -q long", "#PBS -A robots", "select=1:ncpus=4", "#PBS --exclusive"]),
-        ("lsf", ["#BSUB -q long", "#BSUB -P robots", "#BSUB -n 4", "#BSUB --exclusive"]),
+        ("lsf", ["#BSUB -q long", '#BSUB -P "robots"', "#BSUB -n 4", "#BSUB --exclusive"]),
     ],
 )
 def test_job_scripts(tmp_path: pathlib.Path, system: str, lines: list[str]) -> None:
