@@ -20,18 +20,22 @@ import distributed
 from dask.typing import Key
 from distributed.scheduler import KilledWorker
 
-from benchmarks.events import Advanced, Event, Finished, Restarted, Started
+from benchmarks.events import Advanced, Event, Finished, Idle, Restarted, Started
 from benchmarks.executors.remote import Order, Outcome, perform, sources, token_path
 from benchmarks.executors.sites import SchedulerLostError, Site
 from benchmarks.tasks import Failure, Task, Work, now, record_failure
-from bgn.results.store import Store
+from bgn.results.store import Store, StoreError
 from bgn.training.cell import Progress
 
 _SECONDS_BETWEEN_COUNTS = 2.0
 
 
-def run_tasks(tasks: Sequence[Task], *, site: Site, work: Work) -> Generator[Event]:
+def run_tasks(
+    tasks: Sequence[Task], *, site: Site, work: Work, tick: float | None = None
+) -> Generator[Event | Idle]:
     """Do all tasks, in order, as many at a time as the site has workers; yield what happens.
+
+    With ``tick`` it yields :class:`~benchmarks.events.Idle` whenever nothing happened for that many seconds.
 
     Closing the iterator makes the workers stop; checkpoints in a shared store stand.
 
@@ -39,10 +43,12 @@ def run_tasks(tasks: Sequence[Task], *, site: Site, work: Work) -> Generator[Eve
     ------
     SchedulerLostError
         The scheduler is gone, and with it everything that was not stored.
+    StoreError
+        A worker cannot write, for lack of space or of permission.
     """
     run = _Run(tasks, site, work)
     try:
-        yield from run.events()
+        yield from run.events(tick)
     finally:
         run.close()
 
@@ -67,7 +73,7 @@ class _Run:
         self.messages: queue.SimpleQueue[dict[str, Any] | distributed.Future[Outcome]] = queue.SimpleQueue()
         self.tokens = {token_path(task.store, self.topic) for task in tasks}
 
-    def events(self) -> Iterator[Event]:
+    def events(self, tick: float | None) -> Iterator[Event | Idle]:
         for token in self.tokens:
             token.parent.mkdir(parents=True, exist_ok=True)
             token.touch()
@@ -76,7 +82,7 @@ class _Run:
             self._count()
             while self.waiting and len(self.flying) < max(self.workers, 1):
                 self._submit(self.waiting.popleft())
-            yield from self._next()
+            yield from self._next(tick)
 
     def close(self) -> None:
         """Take back what is still out."""
@@ -108,12 +114,14 @@ class _Run:
         self.futures[key] = self.site.client.submit(perform, order, key=key, pure=False)
         self.futures[key].add_done_callback(self.messages.put)
 
-    def _next(self) -> Iterator[Event]:
+    def _next(self, tick: float | None) -> Iterator[Event | Idle]:
         try:
-            message = self.messages.get(timeout=_SECONDS_BETWEEN_COUNTS)
+            message = self.messages.get(timeout=_SECONDS_BETWEEN_COUNTS if tick is None else tick)
         except queue.Empty:
             if self.site.client.status != "running":
                 raise self._lost() from None
+            if tick is not None:
+                yield Idle()
             return
         if isinstance(message, distributed.Future):
             yield from self._ended(message)
@@ -142,6 +150,8 @@ class _Run:
         if future.cancelled():
             raise self._lost()
         error = future.exception()
+        if isinstance(error, StoreError):
+            raise error
         if isinstance(error, KilledWorker) and self.farthest[number] > self.farthest_before[number]:
             self.waiting.appendleft(number)  # it got further each time: no fault of the task
             return

@@ -23,7 +23,7 @@ from distributed.core import Status
 import benchmarks
 import bgn
 from benchmarks.events import Advanced, Finished
-from benchmarks.executors.processes import Worker
+from benchmarks.executors.processes import Worker, stop
 from benchmarks.tasks import Failure, Task, Work
 from bgn.errors import BgnError
 from bgn.training.cell import Progress
@@ -122,12 +122,12 @@ def _do(order: Order, task: Task) -> Failure | None:
             process, lambda progress: tell(progress=_plain(progress)), lambda: _wanted(worker, key)
         )
     except BaseException:
-        process.stop()
+        stop([process])
         raise
     if process.alive:
         _idle.append((order.work, process))
     else:
-        process.stop()
+        stop([process])
     return failure
 
 
@@ -179,7 +179,7 @@ def _hire(work: Work) -> Worker:
             break
         if knows == work and process.process.is_alive():
             return process
-        process.stop()
+        stop([process])
     with _starting:  # starting a process changes this one's environment for a moment
         # Dask's nanny marks its workers as daemons, which may have no children. Ours do not outlive their pipe.
         multiprocessing.current_process().daemon = False
