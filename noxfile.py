@@ -60,6 +60,12 @@ def lint(session: nox.Session) -> None:
 
 
 @nox.session(venv_backend="none")
+def slurm(session: nox.Session) -> None:
+    """Run cells as Slurm jobs, on daemons of this machine alone; needs Debian's slurm-wlm and munge."""
+    run(session, "pytest", "-rs", "tests/benchmarks/test_slurm.py", *session.posargs, BGN_TEST_SLURM="1")
+
+
+@nox.session(venv_backend="none")
 def speed(session: nox.Session) -> None:
     """Measure speeds into .benchmarks/speed.json; ``-- --compare [REV]``: against a git revision."""
     if "--compare" in session.posargs:
@@ -100,11 +106,11 @@ def other_torch(session: nox.Session) -> None:
     session.run(python, "-m", "pytest", *UPDATE_TESTS, *session.posargs, external=True)
 
 
-def run(session: nox.Session, program: str, *arguments: str) -> None:
+def run(session: nox.Session, program: str, *arguments: str, **variables: str) -> None:
     """Run a program of the shared environment, which is brought up to date first."""
     install(session)
     path = os.pathsep.join([str(PROGRAMS), os.environ["PATH"]])
-    environment = {"PATH": path, "VIRTUAL_ENV": str(ENVIRONMENT)}
+    environment = {"PATH": path, "VIRTUAL_ENV": str(ENVIRONMENT), **variables}
     session.run(str(PROGRAMS / program), *arguments, env=environment, external=True)
 
 

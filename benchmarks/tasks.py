@@ -255,7 +255,7 @@ def _record_failure(task: Task, failure: Failure) -> None:
 
 def _train(task: CellTask, work: Work, started_at: datetime.datetime, listener: ProgressListener) -> None:
     store = Store(task.store)
-    checkpoint = store.checkpoint(task.name, f"{task.origin.key}-{'-'.join(map(str, task.seeds))}")
+    checkpoint = store.checkpoint(task.name, task.origin.key, task.seeds)
     checkpoint.parent.mkdir(parents=True, exist_ok=True)
     results = work.train_cell(
         task.spec,
@@ -269,7 +269,7 @@ def _train(task: CellTask, work: Work, started_at: datetime.datetime, listener: 
         raise ValueError(f"asked for seeds {task.seeds}, got {[result.seed for result in results]}")
     for result, values in zip(results, _rows(task, _FINISHED, started_at), strict=True):
         _store_run(store, task, work, result, values)
-    store.discard_checkpoints(task.name)
+    store.discard_checkpoints(task.name, task.seeds)
 
 
 def _store_run(store: Store, task: CellTask, work: Work, result: RunResult, values: dict[str, Any]) -> None:
