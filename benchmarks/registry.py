@@ -118,7 +118,10 @@ class Budget(_Entry):
     evaluation_episodes: int = Field(ge=2)
     physics_episodes: int = Field(ge=0)
     reference_episodes: int = Field(ge=2)
+    planning_backups: int = Field(ge=1)
+    """Work of one solve."""
     planning_seconds: float = Field(gt=0)
+    """CPU time after which a solve is cut off all the same."""
     env_steps: dict[str, int]
     """Environment steps of a run, by domain id; a domain that is left out is not part of the budget."""
 

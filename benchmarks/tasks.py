@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
 
 from bgn.domains import from_file
+from bgn.domains.episode_opening import EpisodeOpening
 from bgn.domains.from_file import FileDomain
 from bgn.results import provenance, schema
 from bgn.results.atomic import write_atomically
 from bgn.results.provenance import Origin
 from bgn.results.run_ids import CellId, ReferenceId, RunId
-from bgn.results.schema import Convention
 from bgn.results.store import Kind, StorageError, Store, read_shard, writing_to
 from bgn.training.cell import CellSpec, DeviceLostError, Progress, RunResult
 from bgn.training.physics_evaluation import has_physics
@@ -78,8 +78,9 @@ class ReferenceSpec:
 
     domain: str
     reference: str
-    convention: Convention
+    convention: EpisodeOpening
     episodes: int
+    planning_backups: int
     planning_seconds: float
     seed: int
 
@@ -100,6 +101,7 @@ def evaluate_reference(spec: ReferenceSpec) -> Mapping[str, float]:
         episodes=spec.episodes,
         seed=spec.seed,
         convention=spec.convention,
+        backups=spec.planning_backups,
         timeout=spec.planning_seconds,
     )
 
