@@ -116,7 +116,7 @@ def test_selection_keeps_registry_order() -> None:
         (
             "lanes = 16",
             "lames = 16",
-            r"presets\.authors-code\.all: unknown 'lames'; known: shared_recurrence, recurrent",
+            r"presets\.authors-code\.all: unknown 'lames'; known: shared",
         ),
         ("lanes = 16", 'lanes = "many"', r"presets\.authors-code for hallway: lanes: .*integer"),
         ("belief_weight = 0.267", "belief_wait = 1", r"domains\.hallway: unknown 'belief_wait'"),
