@@ -1,4 +1,4 @@
-"""Everything one does with this project: ``nox -s reproduce``, ``tests``, ``lint``, ``speed``, ``gpu``.
+"""Everything one does with this project; ``nox -l`` lists the sessions.
 
 All sessions but one share one virtual environment: torch is large, and is installed once. ``other_torch`` has its own.
 """
@@ -45,12 +45,24 @@ def tests(session: nox.Session) -> None:
 
 
 @nox.session(venv_backend="none")
+def torture(session: nox.Session) -> None:
+    """Kill, damage and soak for an hour or so; ``-- --soak SECONDS`` (300), or pytest's arguments."""
+    run(session, "pytest", "--torture", "-s", "tests/hostile", "tests/crash", *session.posargs)
+
+
+@nox.session(venv_backend="none")
 def lint(session: nox.Session) -> None:
     """Check style, types, and that no room imports from one above it."""
     run(session, "ruff", "check")
     run(session, "ruff", "format", "--check")
     run(session, "mypy")
     run(session, "lint-imports")
+
+
+@nox.session(venv_backend="none")
+def slurm(session: nox.Session) -> None:
+    """Run cells as Slurm jobs, on daemons of this machine alone; needs Debian's slurm-wlm and munge."""
+    run(session, "pytest", "-rs", "tests/benchmarks/test_slurm.py", *session.posargs, BGN_TEST_SLURM="1")
 
 
 @nox.session(venv_backend="none")
@@ -94,11 +106,11 @@ def other_torch(session: nox.Session) -> None:
     session.run(python, "-m", "pytest", *UPDATE_TESTS, *session.posargs, external=True)
 
 
-def run(session: nox.Session, program: str, *arguments: str) -> None:
+def run(session: nox.Session, program: str, *arguments: str, **variables: str) -> None:
     """Run a program of the shared environment, which is brought up to date first."""
     install(session)
     path = os.pathsep.join([str(PROGRAMS), os.environ["PATH"]])
-    environment = {"PATH": path, "VIRTUAL_ENV": str(ENVIRONMENT)}
+    environment = {"PATH": path, "VIRTUAL_ENV": str(ENVIRONMENT), **variables}
     session.run(str(PROGRAMS / program), *arguments, env=environment, external=True)
 
 

@@ -31,7 +31,7 @@ from bgn.results.run_ids import RunId
 from bgn.results.store import Store
 
 if TYPE_CHECKING:
-    from bgn.policies.saved import Policy
+    from bgn.policies.saved import NetworkPolicy
 
 _MOST_NAMED = 12
 
@@ -66,7 +66,7 @@ class StoredEvidence(Evidence):
             return pd.DataFrame(columns=["run", "key", *schema.CURVE_COLUMNS, "domain", "agent", "seed"])
         return stored.merge(self.runs[["run", "key", "domain", "agent", "seed"]], on=["run", "key"])
 
-    def policy(self, run: str | RunId, *, greedy: bool = True) -> Policy:
+    def policy(self, run: str | RunId, *, greedy: bool = True) -> NetworkPolicy:
         """Return the trained policy of a run such as ``hallway/ah-ch+bgn/seed-3``.
 
         Raises
@@ -80,9 +80,9 @@ class StoredEvidence(Evidence):
         path = self.store.policy(str(run))
         if not path.is_file():
             raise EvidenceError(f"{self.store.root} holds no policy of {run}; {_listed(self.policies())}")
-        from bgn.policies.saved import Policy  # imported here because torch takes seconds
+        from bgn.policies.saved import NetworkPolicy  # imported here because torch takes seconds
 
-        return Policy.load(path, greedy=greedy)
+        return NetworkPolicy.load(path, greedy=greedy)
 
     def policies(self) -> tuple[str, ...]:
         """Return the ids of the finished runs whose policies are stored."""

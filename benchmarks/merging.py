@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from bgn.results.atomic import write_bytes
 from bgn.results.comparison import differing_columns
-from bgn.results.quarantine import damage_of_policy, damage_of_shard
+from bgn.results.quarantine import damage_of_run
 from bgn.results.store import Kind, Store, StoreError, read_shard, writing_to
 
 _ROWS: tuple[Kind, ...] = ("runs", "references")
@@ -82,12 +82,9 @@ def _merge_store(store: Store, target: Store, name: str, source: pathlib.Path) -
 
 def _merge_row(store: Store, target: Store, kind: Kind, run: str) -> tuple[Outcome, str]:
     files = _files(store, kind, run)
-    for path in files:
-        policy = path.suffix == ".safetensors"
-        of: Kind = "curves" if path.is_relative_to(store.root / "curves") else kind
-        damage = damage_of_policy(path) if policy else damage_of_shard(store, of, path)
-        if damage:
-            return Outcome.DAMAGED, f"{path}: {damage}"
+    damage = damage_of_run(store, kind, run)
+    if damage:
+        return Outcome.DAMAGED, damage
     present, failed = target.shard(kind, run), run.endswith(".failed")
     if present.exists():
         return (Outcome.SAME, "") if failed else _compare(store, target, kind, run)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import signal
+import threading
 from collections.abc import Iterator
 from types import FrameType
 
@@ -28,12 +29,13 @@ class Stopped(BaseException):
 def stoppable() -> Iterator[None]:
     """Raise :class:`Stopped` in the main thread when a signal asks to end.
 
-    What is ignored stays ignored: ``nohup`` means it.
+    What is ignored stays ignored: ``nohup`` means it. In another thread nothing changes, for there it cannot.
     """
-    before = {one: signal.getsignal(one) for one in ASKING}
-    for one, handler in before.items():
-        if handler != signal.SIG_IGN:
-            signal.signal(one, _raise)
+    here = threading.current_thread() is threading.main_thread()
+    found = {one: signal.getsignal(one) for one in ASKING if here}
+    before = {one: handler for one, handler in found.items() if handler not in (None, signal.SIG_IGN)}
+    for one in before:
+        signal.signal(one, _raise)
     try:
         yield
     finally:

@@ -15,9 +15,12 @@ settings.load_profile("bgn")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add the switch of ``nox -s torture``."""
+    """Add the options of ``nox -s torture``."""
     parser.addoption(
         "--torture", action="store_true", help="many more damaged files and kills (see tests/effort.py)"
+    )
+    parser.addoption(
+        "--soak", type=float, default=300.0, metavar="SECONDS", help="how long the soak of torture goes on"
     )
 
 

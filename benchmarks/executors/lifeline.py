@@ -16,8 +16,8 @@ _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 def hold(parent: int) -> None:
     """Tie this process to its parent, whose process id is ``parent``.
 
-    On Linux the kernel sees to it. Elsewhere a thread waits for the parent to end, which a long call into
-    compiled code can delay.
+    On Linux the kernel sees to it, as soon as the thread that started this process ends. Elsewhere a thread here
+    waits for the parent to end, which a long call into compiled code can delay.
     """
     if platform.system() == "Linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)

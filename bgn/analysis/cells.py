@@ -14,7 +14,7 @@ import pandas as pd
 from bgn.analysis import paper, verdicts
 from bgn.analysis.statistics import Sample, prediction_interval
 from bgn.analysis.verdicts import Judgement, Verdict
-from bgn.results.schema import CLEAN, Convention
+from bgn.domains.episode_opening import CLEAN, EpisodeOpening
 
 GROUNDED = "ah-ch+bgn"
 """The agent that the paper's claims about robot domains compare with."""
@@ -31,7 +31,7 @@ class DomainRow:
     """The column of ``runs`` that is judged: what the paper reports."""
     tolerance: float
     """What difference from the paper is negligible, in the metric's unit."""
-    opening: Convention = CLEAN
+    opening: EpisodeOpening = CLEAN
     """How the episodes of agents open."""
 
 

@@ -17,7 +17,7 @@ from matplotlib.ticker import EngFormatter
 
 from bgn.analysis.cells import DomainRow
 from bgn.analysis.evidence import Evidence
-from bgn.results.schema import CLEAN
+from bgn.domains.episode_opening import CLEAN
 
 _COLUMNS = 4
 _PANEL_INCHES = (3.6, 2.7)

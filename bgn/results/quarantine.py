@@ -34,7 +34,12 @@ _KNOWN = {
 _NEEDED: dict[Kind, tuple[str, ...]] = {
     "runs": (*_ROW, "domain", "agent", "seed"),
     "references": (*_ROW, "domain", "reference", "convention"),
-    "curves": ("run", "key", *schema.CURVE_COLUMNS),
+    "curves": ("run", "key", "env_steps"),
+}
+_METRICS: dict[Kind, tuple[str, ...]] = {
+    "runs": schema.RUN_METRICS,
+    "references": schema.REFERENCE_METRICS,
+    "curves": schema.CURVE_COLUMNS,
 }
 
 
@@ -74,15 +79,26 @@ def damage_of_shard(store: Store, kind: Kind, path: pathlib.Path) -> str:
     missing = [name for name in _NEEDED[kind] if name not in table.column_names]
     if missing:
         return f"no column {', '.join(missing)}: another version wrote it"
+    known = {**_KNOWN, **dict.fromkeys(_METRICS[kind], pa.float64())}
     for name in table.column_names:
-        # What is not known is a metric, or a loss of a curve.
-        expected, found = _KNOWN.get(name, pa.float64()), table.schema.field(name).type
-        if not _fits(found, expected):
+        expected, found = known.get(name), table.schema.field(name).type
+        if expected is not None and not _fits(found, expected):  # what is not known may be anything
             return f"column {name} holds {found}, not {expected}: another version wrote it"
     run = _run_of(store, kind, path)
     if table.num_rows == 0 or set(table["run"].to_pylist()) != {run}:
         return f"it does not hold {run}, which its name promises"
     return ""
+
+
+def damage_of_run(store: Store, kind: Kind, run: str) -> str:
+    """Say what is wrong with a row or with what belongs to it, and in which file; empty if nothing is."""
+    parts: list[tuple[Kind, pathlib.Path]] = [(kind, store.shard(kind, run))]
+    if kind == "runs":
+        parts.append(("curves", store.shard("curves", run)))
+    found = [(path, damage_of_shard(store, of, path)) for of, path in parts if path.exists()]
+    if kind == "runs" and store.policy(run).exists():
+        found.append((store.policy(run), damage_of_policy(store.policy(run))))
+    return next((f"{path}: {damage}" for path, damage in found if damage), "")
 
 
 def damage_of_policy(path: pathlib.Path) -> str:

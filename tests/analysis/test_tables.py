@@ -11,7 +11,7 @@ from bgn.analysis import tables
 from bgn.analysis.cells import DomainRow, summarise
 from bgn.analysis.evidence import Evidence
 from bgn.analysis.text_table import TextTable, plus_minus
-from bgn.results.schema import HIDDEN
+from bgn.domains.episode_opening import HIDDEN
 
 DOMAINS = (
     DomainRow("hallway", "Hallway", "classic", "greedy_return", 0.05, HIDDEN),

@@ -10,21 +10,16 @@ import time
 import pandas as pd
 import pytest
 
+from bgn.results import schema
+from bgn.results.comparison import TIMINGS
 from bgn.results.store import Store
 from tests.crash import tiny
 from tests.crash.processes import await_death, children, kill
 from tests.effort import effort
 
 KILLS = effort(20, 100)
-#: What says how a result came about, not what it is.
-PROVENANCE = [
-    "started_at",
-    "finished_at",
-    "stack_seeds",
-    "env_steps_per_second",
-    "wall_seconds",
-    "cpu_seconds",
-]
+#: What says how a result came about, not what it is: all but the hashes of what determines it.
+PROVENANCE = {*schema.PROVENANCE} - {"key", "spec_hash", "code_hash", "data_hash", "spec"}
 
 Files = dict[pathlib.Path, tuple[int, int, bytes]]
 
@@ -60,7 +55,7 @@ def assert_same_results(store: Store, other: Store) -> None:
         for one in (store, other):
             frame = one.read(kind)
             assert "status" not in frame or set(frame["status"]) == {"ok"}
-            dropped = [*PROVENANCE, *(["seconds"] if kind == "curves" else [])]
+            dropped = [*PROVENANCE, *TIMINGS]
             frames.append(frame.drop(columns=dropped, errors="ignore").sort_values(key, ignore_index=True))
         pd.testing.assert_frame_equal(*frames, check_exact=True)
     runs = store.read("runs")["run"]

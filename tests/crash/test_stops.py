@@ -117,7 +117,7 @@ def test_signals_wait_while_they_are_held_back() -> None:
     assert signal.SIGTERM not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
 
 
-@pytest.mark.parametrize("reports", [2, 4])  # while training; when it is done, before the evaluation
+@pytest.mark.parametrize("reports", [3, 9])  # while training; when it is done, before the evaluation
 def test_interrupted_training_leaves_a_checkpoint(
     reports: int, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -130,10 +130,10 @@ def test_interrupted_training_leaves_a_checkpoint(
         if len(seen) == reports:
             raise Interrupted
 
-    spec = cell("ab-cb", "hallway", updates=3)
+    spec = cell("ah-cs", "rocksample-4-4", updates=8)
     with pytest.raises(Interrupted):
         train_cell(spec, (0,), checkpoint=path, on_progress=stop)
     content = checkpoints.load(path)
     assert content is not None
-    assert content["done"] == min(reports, 3)
+    assert content["done"] == min(reports, 8)
     assert_identical(train_cell(spec, (0,), checkpoint=path)[0], train_cell(spec, (0,))[0])

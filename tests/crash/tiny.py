@@ -42,11 +42,14 @@ def train_cell(spec: CellSpec, seeds: Sequence[int], **options: Any) -> list[Run
     return trainer.train_cell(spec, seeds, **options)
 
 
+WORK = Work(train_cell=train_cell)
+
+
 def main() -> int:
     """Run the command of the process's arguments."""
     tiny = tiny_registry()
-    registry.load = lambda *_: tiny  # type: ignore[assignment]
-    return command.main(sys.argv[1:], work=Work(train_cell=train_cell))
+    registry.load = lambda *_: tiny  # type: ignore[misc]
+    return command.main(sys.argv[1:], work=WORK)
 
 
 def arguments(results: pathlib.Path, *more: str) -> list[str]:

@@ -88,7 +88,7 @@ def test_work_starts_over_from_a_damaged_checkpoint(
 ) -> None:
     monkeypatch.setattr(trainer, "CHECKPOINT_SECONDS", -1.0)
     path = tmp_path / "stack.checkpoint"
-    spec = cell("ab-cb", "hallway", updates=3)
+    spec = cell("ah-cs", "rocksample-4-4", updates=8)
     whole = train_cell(spec, (0,), checkpoint=path)
     path.write_bytes(path.read_bytes()[:-1000])
     with caplog.at_level(logging.WARNING):
