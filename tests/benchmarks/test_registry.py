@@ -113,7 +113,11 @@ def test_selection_keeps_registry_order() -> None:
         ("hallway = 3200", "hallway = 0", r"budgets\.smoke\.env_steps\.hallway is 0"),
         ("seeds = 2", "seeds = 0", r"budgets\.smoke\.seeds"),
         ("lanes = 16\n", "", r"presets\.authors-code\.all: missing lanes"),
-        ("lanes = 16", "lames = 16", r"presets\.authors-code\.all: unknown 'lames'; known: lanes, rollout"),
+        (
+            "lanes = 16",
+            "lames = 16",
+            r"presets\.authors-code\.all: unknown 'lames'; known: shared",
+        ),
         ("lanes = 16", 'lanes = "many"', r"presets\.authors-code for hallway: lanes: .*integer"),
         ("belief_weight = 0.267", "belief_wait = 1", r"domains\.hallway: unknown 'belief_wait'"),
         ('extends = "authors-code"', 'extends = "nobody"', r"presets\.calibrated\.extends: unknown 'nobody'"),
