@@ -16,7 +16,7 @@ nox.options.sessions = ["lint", "tests"]
 
 ROOT = pathlib.Path(__file__).parent
 ENVIRONMENT = ROOT / ".nox" / "bgn"
-PROGRAMS = ENVIRONMENT / ("Scripts" if os.name == "nt" else "bin")
+PROGRAMS = ENVIRONMENT / "bin"
 
 
 @nox.session(venv_backend="none")
@@ -33,10 +33,11 @@ def tests(session: nox.Session) -> None:
 
 @nox.session(venv_backend="none")
 def lint(session: nox.Session) -> None:
-    """Check style and types."""
+    """Check style, types, and that no room imports from one above it."""
     run(session, "ruff", "check")
     run(session, "ruff", "format", "--check")
     run(session, "mypy")
+    run(session, "lint-imports")
 
 
 @nox.session(venv_backend="none")

@@ -38,6 +38,7 @@ def add_compile(commands: Commands) -> None:
 
 def _compile(options: argparse.Namespace) -> int:
     from bgn.physics import compile as compiler
+    from bgn.physics.tasks import task_of
 
     chosen = options.domains or robot_domains()
     for name in chosen:
@@ -45,7 +46,7 @@ def _compile(options: argparse.Namespace) -> int:
     console = Console()
     for name in chosen:
         stem = options.tables / name
-        key = compiler.key(compiler.SCENES[name]())
+        key = compiler.key(task_of(name).scene())
         if not options.force and _up_to_date(stem, key, options.histories):
             console.print(f"{name}: up to date")
             continue

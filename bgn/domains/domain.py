@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bgn.domains.layout import GridLayout
+from bgn.domains.layout import GridLayout, TouchLayout
 from bgn.pomdp.model import MOMDP
+
+#: Marks a field that no computation depends on: changing it makes no stored result older.
+FOR_PEOPLE: Final[Mapping[str, Any]] = MappingProxyType({"for people": True})
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -27,7 +32,7 @@ class Domain:
 
     id: str
     """Stable name in the registry, the store and the command line, e.g. ``rocksample-4-4``."""
-    title: str
+    title: str = field(metadata=FOR_PEOPLE)
     """The name as the paper prints it, e.g. ``RockSample[4,4]``."""
     family: Literal["classic", "robot"]
     """``classic`` inputs are indices (embedded); ``robot`` inputs are the normalised ``features``."""
@@ -47,5 +52,5 @@ class Domain:
     """(X, Y) start belief given x where a variant's belief differs from its sampler; ``None``: Bayes."""
     elimination: NDArray[np.bool_] | None = None
     """(X, Y) hidden parts an elimination belief keeps on seeing x; ``None``: the exact filter."""
-    layout: GridLayout | None = None
-    """Where the states lie on a map, for pictures."""
+    layout: GridLayout | TouchLayout | None = field(default=None, metadata=FOR_PEOPLE)
+    """Where the states lie on a map; for a robot domain, where finger and objects are."""

@@ -1,8 +1,9 @@
-"""Where the states of a grid domain lie on its map."""
+"""Where things lie: the states of a grid domain on its map, finger and objects of a robot domain."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,4 +33,22 @@ class GridLayout:
         total = np.zeros((*self.shape, turns))
         row, column = self.positions[on_map].T
         np.add.at(total, (row, column, heading[on_map]), belief[on_map])
+        return total
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TouchLayout:
+    """The cells a finger moves between, where it is at each x, and where the hidden objects are for each y."""
+
+    shape: Cell
+    """(rows, columns) of the cells, numbered row by row; row 0 is the lowest or nearest."""
+    finger: NDArray[np.int64]  # (X,) the finger's cell
+    objects: tuple[str, ...]
+    """What is hidden, such as ``("left bump", "right bump")``."""
+    places: NDArray[np.int64]  # (Y, objects) the cell of each object
+
+    def marginal(self, belief: NDArray[np.floating[Any]], which: int) -> NDArray[np.float64]:
+        """Return the probability of each cell for one object, shape ``shape``."""
+        total = np.zeros(self.shape)
+        np.add.at(total.reshape(-1), self.places[:, which], belief)
         return total

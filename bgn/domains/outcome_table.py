@@ -21,7 +21,7 @@ from bgn.errors import BgnError
 SHIPPED: Final = Path(__file__).parent / "tables"
 
 
-class OutcomesError(BgnError, ValueError):
+class OutcomeTableError(BgnError, ValueError):
     """A stored table is missing or damaged; the message says which and what to do."""
 
 
@@ -44,7 +44,7 @@ class Header:
 
 
 @dataclass(frozen=True, eq=False)
-class Outcomes:
+class OutcomeTable:
     """A compiled table over (reading, move, hidden part)."""
 
     reading: NDArray[np.int16]
@@ -62,19 +62,19 @@ def digest(reading: NDArray[np.int16], pushed: NDArray[np.int8]) -> str:
     return content.hexdigest()
 
 
-def save(outcomes: Outcomes, stem: Path) -> None:
+def save(outcomes: OutcomeTable, stem: Path) -> None:
     """Write ``stem.npz`` and then ``stem.json``, so that a header implies its arrays."""
     stem.parent.mkdir(parents=True, exist_ok=True)
     np.savez_compressed(stem.with_suffix(".npz"), reading=outcomes.reading, pushed=outcomes.pushed)
     stem.with_suffix(".json").write_text(json.dumps(asdict(outcomes.header), indent=2) + "\n")
 
 
-def load(stem: Path) -> Outcomes:
+def load(stem: Path) -> OutcomeTable:
     """Read a table.
 
     Raises
     ------
-    OutcomesError
+    OutcomeTableError
         The table is missing, damaged, or not the one its header describes.
     """
     remedy = "recompile it with `bgn compile --force`"
@@ -83,9 +83,9 @@ def load(stem: Path) -> Outcomes:
         with stem.with_suffix(".npz").open("rb") as file, np.load(file) as arrays:
             reading, pushed = arrays["reading"], arrays["pushed"]
     except FileNotFoundError as error:
-        raise OutcomesError(f"no compiled table {error.filename}; {remedy}") from None
+        raise OutcomeTableError(f"no compiled table {error.filename}; {remedy}") from None
     except Exception as error:  # zip, json and numpy each have their own way of saying that a file is damaged
-        raise OutcomesError(f"the compiled table {stem} is damaged ({error}); {remedy}") from error
+        raise OutcomeTableError(f"the compiled table {stem} is damaged ({error}); {remedy}") from error
     if digest(reading, pushed) != header.digest:
-        raise OutcomesError(f"the compiled table {stem}.npz is not the one of its header; {remedy}")
-    return Outcomes(reading, pushed, header)
+        raise OutcomeTableError(f"the compiled table {stem}.npz is not the one of its header; {remedy}")
+    return OutcomeTable(reading, pushed, header)

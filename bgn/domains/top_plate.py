@@ -24,7 +24,8 @@ from bgn.domains.factored import (
     check_variant,
     join_features,
 )
-from bgn.domains.outcome_table import SHIPPED, Outcomes, load
+from bgn.domains.layout import TouchLayout
+from bgn.domains.outcome_table import SHIPPED, load
 from bgn.domains.registry import register
 from bgn.errors import InputError
 
@@ -53,11 +54,11 @@ def build(*, plates: int = PLATES, variant: Variant = "paper") -> Domain:
     Raises
     ------
     ValueError
-        ``plates`` is below 1, or the variant is unknown or fixes ``plates``.
+        ``plates`` is not within 1 to 10, or the variant is unknown or fixes ``plates``.
     """
     check_variant(variant)
-    if plates < 1:
-        raise InputError(f"top-plate needs plates >= 1, not {plates}")
+    if not 1 <= plates <= PLATES:
+        raise InputError(f"top-plate has 1 to {PLATES} plates, not {plates}")
     authors = variant == "authors"
     if authors and plates not in (PLATES, AUTHORS_PLATES):
         raise InputError(f"top-plate's authors variant has {AUTHORS_PLATES} plates, not {plates}")
@@ -88,6 +89,9 @@ def build(*, plates: int = PLATES, variant: Variant = "paper") -> Domain:
             state=join_features(observed, hidden.astype(np.float32)),
         ),
         prior=_authors_prior(X) if authors else None,
+        layout=TouchLayout(
+            shape=(levels, 1), finger=np.arange(X) // BINS, objects=("top plate",), places=heights[:, None]
+        ),
     )
 
 
@@ -108,18 +112,10 @@ def _rules(n: int, heights: Integers, start: Floats) -> Rules:
 def _moves(n: int, heights: Integers) -> Integers:
     """Return the compiled reading after each move, shape (X, 2, Y), cut to n plates."""
     x = np.arange((n + 2) * BINS)
-    moves = _outcomes(n).reading[: len(x), :, heights].astype(np.int64)
+    moves = load(SHIPPED / "top-plate").reading[: len(x), :, heights].astype(np.int64)
     at_the_end = x // BINS == n + 1
     moves[at_the_end, UP] = x[at_the_end, None]  # a move out of range is refused
     return moves
-
-
-def _outcomes(n: int) -> Outcomes:
-    if n <= PLATES:
-        return load(SHIPPED / "top-plate")
-    from bgn.physics.compile import cached  # MuJoCo is needed for unusually high stacks only
-
-    return cached("top-plate", n)
 
 
 def _authors_prior(X: int) -> Floats:

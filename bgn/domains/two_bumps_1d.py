@@ -24,6 +24,7 @@ from bgn.domains.factored import (
     check_variant,
     join_features,
 )
+from bgn.domains.layout import TouchLayout
 from bgn.domains.outcome_table import SHIPPED, load
 from bgn.domains.registry import register
 
@@ -74,6 +75,12 @@ def build(*, variant: Variant = "paper") -> Domain:
         report_discount=REPORT_DISCOUNT,
         features=Features(observation=observed, observed=observed, state=join_features(observed, hidden)),
         prior=_uniform_prior(free) if authors else None,
+        layout=TouchLayout(
+            shape=(1, CELLS),
+            finger=np.arange(CELLS * BINS) // BINS,
+            objects=("left bump", "right bump"),
+            places=np.array(PAIRS),
+        ),
     )
 
 

@@ -25,6 +25,7 @@ from bgn.domains.factored import (
     check_variant,
     join_features,
 )
+from bgn.domains.layout import TouchLayout
 from bgn.domains.outcome_table import SHIPPED, load
 from bgn.domains.registry import register
 
@@ -82,6 +83,12 @@ def build(*, variant: Variant = "paper") -> Domain:
         report_discount=REPORT_DISCOUNT,
         features=_features(flags_in_state=not authors),
         elimination=_elimination() if authors else None,
+        layout=TouchLayout(
+            shape=(SIDE, SIDE),
+            finger=np.arange(READINGS * FLAGS) // FLAGS // BINS,
+            objects=("large bump", "small bump"),
+            places=np.array(PAIRS),
+        ),
     )
 
 

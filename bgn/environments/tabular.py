@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from bgn.domains import registry
+from bgn.domains.layout import GridLayout
 from bgn.errors import InputError
 from bgn.pictures import maps
 from bgn.pomdp.belief import update
@@ -102,7 +103,7 @@ class TableEnvironment(gymnasium.Env[np.int64, np.int64]):
     def render(self) -> Render | None:
         """Show the map, the true state and the belief."""
         layout = self.domain.layout
-        if self.render_mode is None or layout is None:
+        if self.render_mode is None or not isinstance(layout, GridLayout):
             return None
         if self.render_mode == "rgb_array":
             return maps.draw(layout, self._state, self._belief)

@@ -9,31 +9,24 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
-from pathlib import Path
 from typing import Final
 
 import mujoco
 import numpy as np
 
 from bgn.domains import outcome_table
-from bgn.domains.outcome_table import Header, Outcomes
+from bgn.domains.outcome_table import Header, OutcomeTable
 from bgn.errors import BgnError
 from bgn.physics.scene import Outcome, Scene, Snapshot
-from bgn.physics.top_plate import TopPlateScene
-from bgn.physics.two_bumps_1d import TwoBumps1DScene
-from bgn.physics.two_bumps_2d import TwoBumps2DScene
+from bgn.physics.tasks import task_of
 
 HISTORIES: Final = 4
 MARGIN: Final = 0.25
-SCENES: Final[dict[str, Callable[..., Scene]]] = {
-    scene.name: scene for scene in (TopPlateScene, TwoBumps1DScene, TwoBumps2DScene)
-}
 
 
 class CompileError(BgnError, ValueError):
@@ -101,11 +94,10 @@ def compile_hidden(scene: Scene, hidden: int, histories: int = HISTORIES) -> Col
 
 def compile_scene(
     name: str,
-    *scene_arguments: int,
     histories: int = HISTORIES,
     jobs: int = 1,
     progress: Progress | None = None,
-) -> Outcomes:
+) -> OutcomeTable:
     """Compile the whole table of a scene, its hidden parts in ``jobs`` processes.
 
     ``progress`` wraps the iteration over the hidden parts, as ``rich.progress.track`` does.
@@ -117,50 +109,30 @@ def compile_scene(
     """
     if histories < 1:
         raise CompileError(f"a table needs histories >= 1, not {histories}")
-    scene = SCENES[name](*scene_arguments)
+    scene = task_of(name).scene()
     hidden = scene.hidden_parts()
-    columns = _columns(name, scene_arguments, hidden, histories, jobs)
+    columns = _columns(name, hidden, histories, jobs)
     return _collect(scene, list(progress(columns, len(hidden)) if progress else columns))
 
 
 Progress = Callable[[Iterable[Column], int], Iterable[Column]]
 
 
-def cached(name: str, *scene_arguments: int) -> Outcomes:
-    """Return the table of a scene that is not shipped, compiled once and kept in the user's cache."""
-    wanted = key(SCENES[name](*scene_arguments))
-    stem = cache_folder() / f"{name}-{wanted[:16]}"
-    if stem.with_suffix(".json").exists():
-        return outcome_table.load(stem)
-    outcomes = compile_scene(name, *scene_arguments, jobs=os.cpu_count() or 1)
-    outcome_table.save(outcomes, stem)
-    return outcomes
-
-
-def cache_folder() -> Path:
-    """``$XDG_CACHE_HOME/bgn/tables``, by default below ``~/.cache``."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "bgn" / "tables"
-
-
-def _columns(
-    name: str, arguments: tuple[int, ...], hidden: Iterable[int], histories: int, jobs: int
-) -> Iterator[Column]:
+def _columns(name: str, hidden: Iterable[int], histories: int, jobs: int) -> Iterator[Column]:
     if jobs == 1:
-        scene = SCENES[name](*arguments)
+        scene = task_of(name).scene()
         yield from (compile_hidden(scene, part, histories) for part in hidden)
         return
-    with ProcessPoolExecutor(
-        jobs, get_context("spawn"), initializer=_start_worker, initargs=(name, arguments)
-    ) as pool:
+    with ProcessPoolExecutor(jobs, get_context("spawn"), initializer=_start_worker, initargs=(name,)) as pool:
         yield from pool.map(_work, hidden, [histories] * len(list(hidden)))
 
 
 _worker: Scene | None = None
 
 
-def _start_worker(name: str, arguments: tuple[int, ...]) -> None:
+def _start_worker(name: str) -> None:
     global _worker  # each process of the pool builds its scene once
-    _worker = SCENES[name](*arguments)
+    _worker = task_of(name).scene()
 
 
 def _work(hidden: int, histories: int) -> Column:
@@ -168,7 +140,7 @@ def _work(hidden: int, histories: int) -> Column:
     return compile_hidden(_worker, hidden, histories)
 
 
-def _collect(scene: Scene, columns: list[Column]) -> Outcomes:
+def _collect(scene: Scene, columns: list[Column]) -> OutcomeTable:
     readings = 1 + max(reading for column in columns for reading, _ in column.outcomes)
     readings = -(-readings // scene.bins) * scene.bins
     shape = (readings, scene.actions, len(columns))
@@ -186,4 +158,4 @@ def _collect(scene: Scene, columns: list[Column]) -> Outcomes:
         margin=round(min(column.margin for column in columns), 4),
         digest=outcome_table.digest(reading, pushed),
     )
-    return Outcomes(reading, pushed, header)
+    return OutcomeTable(reading, pushed, header)

@@ -64,6 +64,7 @@ class Scene(ABC):
     pitch: float  # metres between neighbouring cells
     angle_edges: tuple[float, ...]  # radians, between the bins
     angle_gaps: tuple[float, ...]  # radians between the angles an edge separates
+    view: tuple[int, int]  # pixels (width, height) of a picture that shows all of it
 
     def __init__(self, spec: mujoco.MjSpec, drives: Sequence[str], knuckles: Sequence[str]) -> None:
         self.xml: str = spec.to_xml()

@@ -1,23 +1,21 @@
-"""The three tasks on their MuJoCo scenes: what an action means, what ends an episode, what earns the reward.
+"""What a task is: what an action means, what ends an episode, what earns the reward, on any finger.
 
-Everything is judged by what the scene measures, never by the tables.
+A finger is a MuJoCo scene, or an arm with its gripper. Everything is judged by what it measures, never by the tables.
+The task of each robot domain stands beside its scene.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import ClassVar, Protocol, TypeVar
 
 import numpy as np
 
-from bgn.domains import top_plate, two_bumps_1d, two_bumps_2d
 from bgn.domains.domain import Domain
 from bgn.errors import InputError
-from bgn.physics.scene import Scene
-from bgn.physics.top_plate import TopPlateScene
-from bgn.physics.two_bumps_1d import TwoBumps1DScene
-from bgn.physics.two_bumps_2d import TwoBumps2DScene
+from bgn.physics.scene import Outcome, Scene
 
 
 @dataclass(frozen=True)
@@ -30,104 +28,83 @@ class Step:
     success: bool = False
 
 
-class Task(Protocol):
-    """A domain's rules on its scene."""
+class Finger(Protocol):
+    """What a task needs of the finger it is done with."""
 
-    scene: Scene
+    @property
+    def hidden(self) -> int:
+        """The hidden part that the objects were last placed by, as the scene counts it."""
+        ...
 
+    @property
+    def outcome(self) -> Outcome:
+        """What was measured last."""
+        ...
+
+    def reset(self, hidden: int, cell: int) -> Outcome:
+        """Place the objects, and the finger in a cell, neutral."""
+        ...
+
+    def act(self, action: int) -> Outcome:
+        """Make a move; one out of range is refused and leaves everything as it is."""
+        ...
+
+
+class Task(ABC):
+    """A robot domain's rules on a finger."""
+
+    scene: ClassVar[Callable[..., Scene]]
+    """The finger in MuJoCo."""
+
+    def __init__(self, domain: Domain, finger: Finger) -> None:
+        self.domain, self.finger = domain, finger
+
+    @classmethod
+    def make_scene(cls, domain: Domain) -> Scene:
+        """Build the scene of a domain's variant."""
+        return cls.scene()
+
+    @abstractmethod
     def reset(self, x: int, y: int) -> Step:
         """Begin an episode in the domain's state (x, y)."""
-        ...
 
+    @abstractmethod
     def act(self, action: int) -> Step:
         """Take one of the domain's actions."""
-        ...
 
 
-class TopPlateTask:
-    """A grasp succeeds at the top plate; y counts the domain's stack heights."""
-
-    def __init__(self, domain: Domain) -> None:
-        levels = domain.model.n_observed // top_plate.BINS
-        names = domain.model.joint.state_names[: domain.model.n_hidden]  # "reading|height-k" of the first x
-        self._heights = [int(name.rpartition("-")[2]) for name in names]
-        self.scene: Scene = TopPlateScene(levels - 2)
-
-    def reset(self, x: int, y: int) -> Step:
-        """Begin at x, which is level 0."""
-        return Step(self.scene.reset(self._heights[y], x // top_plate.BINS).reading)
-
-    def act(self, action: int) -> Step:
-        """Move or grasp."""
-        if action != top_plate.GRASP:
-            return Step(self.scene.act(action).reading)
-        level, angle = divmod(self.scene.outcome.reading, top_plate.BINS)
-        touches = angle != top_plate.NEUTRAL
-        return Step(self.scene.outcome.reading, ended=True, success=touches and level == self.scene.hidden)
+_TASKS: dict[str, type[Task]] = {}
+AnyTask = TypeVar("AnyTask", bound=type[Task])
 
 
-class TwoBumps1DTask:
-    """Any push ends the episode; it succeeds if the right bump went right."""
+def register(domain_id: str) -> Callable[[AnyTask], AnyTask]:
+    """Register the decorated class as the task of a robot domain."""
 
-    def __init__(self, domain: Domain) -> None:
-        self.scene: Scene = TwoBumps1DScene()
+    def decorate(task: AnyTask) -> AnyTask:
+        _TASKS[domain_id] = task
+        return task
 
-    def reset(self, x: int, y: int) -> Step:
-        """Begin with a neutral finger at x's cell."""
-        return Step(self.scene.reset(y, x // two_bumps_1d.BINS).reading)
-
-    def act(self, action: int) -> Step:
-        """Move softly or stiffly."""
-        outcome = self.scene.act(action)
-        success = outcome.pushed == two_bumps_1d.RIGHT_BUMP_RIGHT
-        return Step(outcome.reading, ended=outcome.pushed != 0, success=success)
+    return decorate
 
 
-class TwoBumps2DTask:
-    """A grasp succeeds at the large bump once both were felt."""
-
-    def __init__(self, domain: Domain) -> None:
-        self.scene: Scene = TwoBumps2DScene()
-        self._felt = 0
-
-    def reset(self, x: int, y: int) -> Step:
-        """Begin with a neutral finger at x's cell and nothing felt."""
-        self._felt = 0
-        cell = x // two_bumps_2d.FLAGS // two_bumps_2d.BINS
-        return self._step(self.scene.reset(y, cell).reading)
-
-    def act(self, action: int) -> Step:
-        """Move or grasp."""
-        if action != two_bumps_2d.GRASP:
-            return self._step(self.scene.act(action).reading)
-        size = abs(self.scene.outcome.reading % two_bumps_2d.BINS - two_bumps_2d.NEUTRAL)
-        success = size == 2 and self._felt == two_bumps_2d.FLAGS - 1
-        return Step(self._step(self.scene.outcome.reading).x, ended=True, success=success)
-
-    def _step(self, reading: int) -> Step:
-        size = abs(reading % two_bumps_2d.BINS - two_bumps_2d.NEUTRAL)
-        self._felt |= (0, 2, 1)[size]  # bit 0: the large bump, bit 1: the small one
-        return Step(reading * two_bumps_2d.FLAGS + self._felt)
-
-
-_TASKS: Final[dict[str, Callable[[Domain], Task]]] = {
-    "top-plate": TopPlateTask,
-    "two-bumps-1d": TwoBumps1DTask,
-    "two-bumps-2d": TwoBumps2DTask,
-}
-
-
-def make_task(domain: Domain) -> Task:
+def task_of(domain_id: str) -> type[Task]:
     """Return the task of a robot domain.
 
     Raises
     ------
-    ValueError
+    InputError
         The domain has no physics.
     """
-    if domain.id not in _TASKS:
-        raise InputError(f"domain {domain.id!r} has no physics; those that have: {', '.join(_TASKS)}")
-    return _TASKS[domain.id](domain)
+    _load_tasks()
+    if domain_id not in _TASKS:
+        raise InputError(f"domain {domain_id!r} has no physics; those that have: {', '.join(sorted(_TASKS))}")
+    return _TASKS[domain_id]
+
+
+def robot_domains() -> tuple[str, ...]:
+    """Return the ids of the domains that have physics, sorted."""
+    _load_tasks()
+    return tuple(sorted(_TASKS))
 
 
 def draw_start(domain: Domain, rng: np.random.Generator) -> tuple[int, int]:
@@ -136,3 +113,8 @@ def draw_start(domain: Domain, rng: np.random.Generator) -> tuple[int, int]:
     support = np.flatnonzero(start)
     s = int(rng.choice(support, p=start[support] / start[support].sum()))
     return divmod(s, domain.model.n_hidden)
+
+
+def _load_tasks() -> None:
+    """Import the modules that register their task; named, so that the code hash of a run in physics covers them."""
+    from bgn.physics import top_plate, two_bumps_1d, two_bumps_2d  # noqa: F401

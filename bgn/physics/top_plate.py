@@ -9,8 +9,11 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 
-from bgn.domains.top_plate import BINS, DOWN, GRASP, PLATES
+from bgn.domains.domain import Domain
+from bgn.domains.layout import TouchLayout
+from bgn.domains.top_plate import BINS, DOWN, GRASP, NEUTRAL, PLATES
 from bgn.physics.scene import HERE, SOFT, Outcome, Scene, contact_angle
+from bgn.physics.tasks import Finger, Step, Task, register
 
 PITCH: Final = 0.08
 HINGE_DISTANCE: Final = 0.219  # from the stack's axis
@@ -28,7 +31,7 @@ GLAZES: Final = ((0.95, 0.95, 0.93, 1.0), (0.36, 0.55, 0.72, 1.0))
 class TopPlateScene(Scene):
     """Levels 0 … plates + 1; the hidden part is the height of the stack.
 
-    The rack always has room for at least ``PLATES`` plates, so that lower stacks share one compiled scene.
+    The rack always has room for ``PLATES`` plates, so that lower stacks share one compiled scene.
     """
 
     name = "top-plate"
@@ -37,20 +40,20 @@ class TopPlateScene(Scene):
     pitch = PITCH
     angle_edges = (-ANGLE_EDGE, ANGLE_EDGE)
     angle_gaps = (CONTACT, CONTACT)
+    view = (400, 480)
 
     def __init__(self, plates: int = PLATES) -> None:
-        self.capacity = max(plates, PLATES)
         self.top = plates + 1
-        super().__init__(_specify(self.capacity), ["base"], ["finger"])
-        self._plates = [self.model.geom(f"plate-{level}").id for level in range(1, self.capacity + 1)]
+        super().__init__(_specify(), ["base"], ["finger"])
+        self._plates = [self.model.geom(f"plate-{level}").id for level in range(1, PLATES + 1)]
 
     def parameters(self) -> dict[str, Any]:
         """Thresholds and the number of plates there is room for."""
-        return {"pitch": PITCH, "angle_edge": ANGLE_EDGE, "capacity": self.capacity}
+        return {"pitch": PITCH, "angle_edge": ANGLE_EDGE, "capacity": PLATES}
 
     def hidden_parts(self) -> Sequence[int]:
-        """Heights 0 … capacity."""
-        return range(self.capacity + 1)
+        """Heights 0 … ``PLATES``."""
+        return range(PLATES + 1)
 
     def starts(self, hidden: int) -> Sequence[int]:
         """Return the level below the stack."""
@@ -79,11 +82,40 @@ class TopPlateScene(Scene):
         return (cell,)
 
 
-def _specify(capacity: int) -> mujoco.MjSpec:
+@register("top-plate")
+class TopPlateTask(Task):
+    """A grasp succeeds at the top plate; y counts the domain's stack heights."""
+
+    scene = TopPlateScene
+
+    def __init__(self, domain: Domain, finger: Finger) -> None:
+        super().__init__(domain, finger)
+        assert isinstance(domain.layout, TouchLayout)
+        self._heights = domain.layout.places[:, 0].tolist()
+
+    @classmethod
+    def make_scene(cls, domain: Domain) -> Scene:
+        """Build the scene; a lower stack lets the finger go less high."""
+        return cls.scene(domain.model.n_observed // BINS - 2)
+
+    def reset(self, x: int, y: int) -> Step:
+        """Begin at x, which is level 0."""
+        return Step(self.finger.reset(self._heights[y], x // BINS).reading)
+
+    def act(self, action: int) -> Step:
+        """Move or grasp."""
+        if action != GRASP:
+            return Step(self.finger.act(action).reading)
+        level, angle = divmod(self.finger.outcome.reading, BINS)
+        touches = angle != NEUTRAL
+        return Step(self.finger.outcome.reading, ended=True, success=touches and level == self.finger.hidden)
+
+
+def _specify() -> mujoco.MjSpec:
     """Add the plates and a rack and a stage of their height."""
     spec = mujoco.MjSpec.from_file(str(HERE / "top_plate.xml"))
     world, fitting = spec.worldbody, spec.find_default("fitting")
-    for level in range(1, capacity + 1):
+    for level in range(1, PLATES + 1):
         world.add_geom(
             spec.find_default("object"),
             name=f"plate-{level}",
@@ -92,7 +124,7 @@ def _specify(capacity: int) -> mujoco.MjSpec:
             pos=[0, 0, PITCH * level],
             rgba=GLAZES[level % 2],
         )
-    half = PITCH * (capacity + 2) / 2
+    half = PITCH * (PLATES + 2) / 2
     posts = [(-0.06, -0.088), (0.06, -0.088), (-0.1065, 0.0)]
     for x, y in posts:
         world.add_geom(

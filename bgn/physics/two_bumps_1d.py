@@ -7,8 +7,9 @@ from typing import Any, Final
 
 import mujoco
 
-from bgn.domains.two_bumps_1d import ACTIONS, BINS, CELLS, PAIRS
+from bgn.domains.two_bumps_1d import ACTIONS, BINS, CELLS, PAIRS, RIGHT_BUMP_RIGHT
 from bgn.physics.scene import HERE, SOFT, STIFF, Outcome, Scene, contact_angle
+from bgn.physics.tasks import Step, Task, register
 
 PITCH: Final = 0.08
 HINGE_HEIGHT: Final = 0.154
@@ -28,6 +29,7 @@ class TwoBumps1DScene(Scene):
     pitch = PITCH
     angle_edges = (-ANGLE_EDGE, ANGLE_EDGE)
     angle_gaps = (CONTACT, CONTACT)
+    view = (820, 440)
 
     def __init__(self) -> None:
         super().__init__(mujoco.MjSpec.from_file(str(HERE / "two_bumps_1d.xml")), ["base"], ["finger"])
@@ -75,3 +77,20 @@ class TwoBumps1DScene(Scene):
 
     def _coordinates(self, cell: int) -> tuple[int, ...]:
         return (cell,)
+
+
+@register("two-bumps-1d")
+class TwoBumps1DTask(Task):
+    """Any push ends the episode; it succeeds if the right bump went right."""
+
+    scene = TwoBumps1DScene
+
+    def reset(self, x: int, y: int) -> Step:
+        """Begin with a neutral finger at x's cell."""
+        return Step(self.finger.reset(y, x // BINS).reading)
+
+    def act(self, action: int) -> Step:
+        """Move softly or stiffly."""
+        outcome = self.finger.act(action)
+        success = outcome.pushed == RIGHT_BUMP_RIGHT
+        return Step(outcome.reading, ended=outcome.pushed != 0, success=success)

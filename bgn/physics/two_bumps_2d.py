@@ -8,8 +8,10 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 
-from bgn.domains.two_bumps_2d import BINS, CELLS, GRASP, PAIRS, SIDE
+from bgn.domains.domain import Domain
+from bgn.domains.two_bumps_2d import BINS, CELLS, FLAGS, GRASP, NEUTRAL, PAIRS, SIDE
 from bgn.physics.scene import HERE, SOFT, Outcome, Scene, contact_angle
+from bgn.physics.tasks import Finger, Step, Task, register
 
 PITCH: Final = 0.16
 HINGE_HEIGHT: Final = 0.156
@@ -31,6 +33,7 @@ class TwoBumps2DScene(Scene):
     pitch = PITCH
     angle_edges = (-STRONG_EDGE, -MILD_EDGE, MILD_EDGE, STRONG_EDGE)
     angle_gaps = (STRONG - MILD, MILD, MILD, STRONG - MILD)
+    view = (560, 460)
 
     def __init__(self) -> None:
         spec = mujoco.MjSpec.from_file(str(HERE / "two_bumps_2d.xml"))
@@ -69,3 +72,33 @@ class TwoBumps2DScene(Scene):
     def _coordinates(self, cell: int) -> tuple[int, ...]:
         row, column = divmod(cell, SIDE)
         return column, row
+
+
+@register("two-bumps-2d")
+class TwoBumps2DTask(Task):
+    """A grasp succeeds at the large bump once both were felt."""
+
+    scene = TwoBumps2DScene
+
+    def __init__(self, domain: Domain, finger: Finger) -> None:
+        super().__init__(domain, finger)
+        self._felt = 0
+
+    def reset(self, x: int, y: int) -> Step:
+        """Begin with a neutral finger at x's cell and nothing felt."""
+        self._felt = 0
+        cell = x // FLAGS // BINS
+        return self._step(self.finger.reset(y, cell).reading)
+
+    def act(self, action: int) -> Step:
+        """Move or grasp."""
+        if action != GRASP:
+            return self._step(self.finger.act(action).reading)
+        size = abs(self.finger.outcome.reading % BINS - NEUTRAL)
+        success = size == 2 and self._felt == FLAGS - 1
+        return Step(self._step(self.finger.outcome.reading).x, ended=True, success=success)
+
+    def _step(self, reading: int) -> Step:
+        size = abs(reading % BINS - NEUTRAL)
+        self._felt |= (0, 2, 1)[size]  # bit 0: the large bump, bit 1: the small one
+        return Step(reading * FLAGS + self._felt)

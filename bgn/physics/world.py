@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bgn import domains
 from bgn.domains.domain import Domain
 from bgn.errors import InputError
-from bgn.physics.tasks import Step, Task, draw_start, make_task
+from bgn.physics.tasks import Step, Task, draw_start, task_of
 from bgn.simulation.belief_rules import next_belief, start_belief
 
 Floats = NDArray[np.float64]
@@ -71,8 +71,9 @@ class PhysicsWorld:
 
     def __init__(self, domain: Domain) -> None:
         self.domain = domain
-        self.task = make_task(domain)
-        self.scene = self.task.scene
+        task = task_of(domain.id)
+        self.scene = task.make_scene(domain)
+        self.task = task(domain, self.scene)
         self._seen = observations(domain)
         self._y = -1
         self._now: Moment | None = None
@@ -146,7 +147,7 @@ def evaluate_in_physics(
     if episodes < 1:
         raise InputError(f"an evaluation needs episodes >= 1, not {episodes}")
     domain = domains.get(domain_id, **variant)
-    task, rng = make_task(domain), np.random.default_rng(seed)
+    task, rng = PhysicsWorld(domain).task, np.random.default_rng(seed)
     results = np.array([play(domain, task, policy, rng) for _ in range(episodes)], dtype=np.float64)
     success, length = results.mean(axis=0)
     return Evaluation(
@@ -178,7 +179,7 @@ def compare_with_table(
     ``pairs`` is how many different (x, y, action) were visited.
     """
     domain = domains.get(domain_id, **variant)
-    task, rng = make_task(domain), np.random.default_rng(seed)
+    task, rng = PhysicsWorld(domain).task, np.random.default_rng(seed)
     joint, Y = domain.model.joint, domain.model.n_hidden
     violations, visited = 0, set()
     step, y, length = Step(0, ended=True), 0, 0

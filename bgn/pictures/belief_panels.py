@@ -18,8 +18,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from bgn.domains import top_plate, two_bumps_1d, two_bumps_2d
 from bgn.domains.domain import Domain
+from bgn.domains.layout import TouchLayout
+from bgn.errors import InputError
 
 Image = NDArray[np.uint8]
 Belief = NDArray[np.floating[Any]]
@@ -39,63 +40,83 @@ def draw_panels(domain: Domain, x: int, y: int, beliefs: dict[str, Belief], size
     ``size`` is (width, height) in pixels.
     """
     width, height = size
+    layout = _layout(domain)
     figure = Figure(figsize=(width / DOTS_PER_INCH, height / DOTS_PER_INCH), dpi=DOTS_PER_INCH)
     canvas: Any = FigureCanvasAgg(figure)
     figure.subplots_adjust(left=0, right=1, bottom=0, top=1)
     panels = figure.subfigures(len(beliefs), 1, squeeze=False, hspace=0)[:, 0]
     for panel, (title, belief) in zip(panels, beliefs.items(), strict=True):
         panel.suptitle(title, fontsize=9, color=INK, y=0.98)
-        _DRAW[domain.id](panel, domain, x, y, belief)
+        _drawing(layout)(panel, layout, x, y, belief)
     canvas.draw()
     return np.asarray(canvas.buffer_rgba())[:, :, :3].copy()
 
 
-def _draw_heights(panel: Any, domain: Domain, x: int, y: int, belief: Belief) -> None:
+def panel_size(domain: Domain) -> tuple[int, int]:
+    """Return the (width, height) in pixels of one panel beside a film."""
+    draw = _drawing(_layout(domain))
+    if draw is _draw_levels:
+        return 240, 240
+    return (220, 220) if draw is _draw_pairs else (340, 204)
+
+
+def _layout(domain: Domain) -> TouchLayout:
+    if not isinstance(domain.layout, TouchLayout):
+        raise InputError(f"{domain.id} has no hidden objects to draw a belief about")
+    return domain.layout
+
+
+def _drawing(layout: TouchLayout) -> Callable[[Any, TouchLayout, int, int, Belief], None]:
+    """Choose how a belief is shown: by what is hidden, and on what cells."""
+    if len(layout.objects) == 1:
+        return _draw_levels
+    return _draw_pairs if 1 in layout.shape else _draw_cells
+
+
+def _draw_levels(panel: Any, layout: TouchLayout, x: int, y: int, belief: Belief) -> None:
     axes: Axes = panel.add_axes((0.16, 0.14, 0.78, 0.72))
-    names = domain.model.joint.state_names[: domain.model.n_hidden]
-    heights = [int(name.rpartition("-")[2]) for name in names]
-    levels = domain.model.n_observed // top_plate.BINS
+    levels, heights = layout.shape[0], layout.places[:, 0]
     axes.barh(heights, belief, color="#2171b5", height=0.72)
     axes.barh(heights[y], 1, color="none", edgecolor=TRUTH, height=0.9, linewidth=1.2)
-    axes.plot(0.97, x // top_plate.BINS, marker="<", color=FINGER, markersize=9, markeredgecolor=INK)
+    axes.plot(0.97, layout.finger[x], marker="<", color=FINGER, markersize=9, markeredgecolor=INK)
     axes.set(xlim=(0, 1), ylim=(-0.6, levels - 0.4), yticks=range(0, levels, 2), xticks=(0, 0.5, 1))
     axes.set_ylabel("level", fontsize=8, color=INK, labelpad=1)
     _plain(axes)
 
 
-def _draw_pairs(panel: Any, domain: Domain, x: int, y: int, belief: Belief) -> None:
+def _draw_pairs(panel: Any, layout: TouchLayout, x: int, y: int, belief: Belief) -> None:
     axes: Axes = panel.add_axes((0.14, 0.15, 0.8, 0.74))
-    cells = two_bumps_1d.CELLS
+    cells = max(layout.shape)
     heat = np.full((cells, cells), np.nan)
-    for (b1, b2), p in zip(two_bumps_1d.PAIRS, belief, strict=True):
-        heat[b2, b1] = p
+    heat[layout.places[:, 1], layout.places[:, 0]] = belief
     axes.set_facecolor("#e4e6ea")
     axes.imshow(heat, cmap=HEAT, vmin=0, vmax=max(float(belief.max()), 1e-9), origin="lower")
-    b1, b2 = two_bumps_1d.PAIRS[y]
-    finger = x // two_bumps_1d.BINS
+    left, right = layout.places[y]
     axes.plot((0, cells - 1), (0, cells - 1), color="#b9bdc6", linewidth=0.8, zorder=1)
-    axes.add_patch(Rectangle((b1 - 0.5, b2 - 0.5), 1, 1, fill=False, edgecolor=TRUTH, linewidth=1.6))
-    for position, colour in ((b1, LEFT_BUMP), (b2, RIGHT_BUMP), (finger, FINGER)):
+    axes.add_patch(Rectangle((left - 0.5, right - 0.5), 1, 1, fill=False, edgecolor=TRUTH, linewidth=1.6))
+    for position, colour in ((left, LEFT_BUMP), (right, RIGHT_BUMP), (layout.finger[x], FINGER)):
         axes.plot(
             position, position, "o", color=colour, markersize=6, markeredgecolor=INK, markeredgewidth=0.6
         )
-    axes.set(xlim=(-0.5, cells - 0.5), ylim=(-0.5, cells - 0.5), xticks=(0, 7, 14), yticks=(0, 7, 14))
-    axes.set_xlabel("left bump", fontsize=8, color=LEFT_BUMP, labelpad=0)
-    axes.set_ylabel("right bump", fontsize=8, color=RIGHT_BUMP, labelpad=0)
+    ticks = (0, (cells - 1) // 2, cells - 1)
+    axes.set(xlim=(-0.5, cells - 0.5), ylim=(-0.5, cells - 0.5), xticks=ticks, yticks=ticks)
+    axes.set_xlabel(layout.objects[0], fontsize=8, color=LEFT_BUMP, labelpad=0)
+    axes.set_ylabel(layout.objects[1], fontsize=8, color=RIGHT_BUMP, labelpad=0)
     _plain(axes)
 
 
-def _draw_cells(panel: Any, domain: Domain, x: int, y: int, belief: Belief) -> None:
-    pairs, side = np.array(two_bumps_2d.PAIRS), two_bumps_2d.SIDE
-    finger = divmod(x // two_bumps_2d.FLAGS // two_bumps_2d.BINS, side)
-    for bump, (left, label) in enumerate(((0.03, "large"), (0.52, "small"))):
+def _draw_cells(panel: Any, layout: TouchLayout, x: int, y: int, belief: Belief) -> None:
+    rows, columns = layout.shape
+    finger_row, finger_column = divmod(int(layout.finger[x]), columns)
+    for which, (left, label) in enumerate(zip((0.03, 0.52), layout.objects, strict=True)):
         axes: Axes = panel.add_axes((left, 0.1, 0.45, 0.78))
-        chance = np.bincount(pairs[:, bump], weights=belief, minlength=side * side).reshape(side, side)
+        chance = layout.marginal(belief, which)
         axes.imshow(chance, cmap=HEAT, vmin=0, vmax=max(float(chance.max()), 1e-9), origin="lower")
-        row, column = divmod(int(pairs[y, bump]), side)
+        row, column = divmod(int(layout.places[y, which]), columns)
         axes.plot(column, row, "o", color="none", markeredgecolor=TRUTH, markersize=14, markeredgewidth=1.6)
-        axes.plot(finger[1], finger[0], "o", color=FINGER, markersize=7, markeredgecolor=INK)
-        axes.set(xticks=np.arange(-0.5, side), yticks=np.arange(-0.5, side), xticklabels=[], yticklabels=[])
+        axes.plot(finger_column, finger_row, "o", color=FINGER, markersize=7, markeredgecolor=INK)
+        grid = {"xticks": np.arange(-0.5, columns), "yticks": np.arange(-0.5, rows)}
+        axes.set(**grid, xticklabels=[], yticklabels=[])
         axes.grid(color="#d5d8de", linewidth=0.6)
         axes.set_xlabel(label, fontsize=8, color=INK, labelpad=1)
         _plain(axes)
@@ -105,10 +126,3 @@ def _plain(axes: Axes) -> None:
     axes.tick_params(length=0, labelsize=7, colors=INK, pad=2)
     for spine in axes.spines.values():
         spine.set(color="#b9bdc6", linewidth=0.8)
-
-
-_DRAW: Final[dict[str, Callable[[Any, Domain, int, int, Belief], None]]] = {
-    "top-plate": _draw_heights,
-    "two-bumps-1d": _draw_pairs,
-    "two-bumps-2d": _draw_cells,
-}

@@ -14,15 +14,18 @@ from PIL import ImageDraw, ImageFont
 
 from bgn.domains.domain import Domain
 from bgn.physics.world import Moment, PhysicsWorld, Policy
-from bgn.pictures.belief_panels import FINGER, LEFT_BUMP, RIGHT_BUMP, TRUTH, Belief, Image, draw_panels
+from bgn.pictures.belief_panels import (
+    FINGER,
+    LEFT_BUMP,
+    RIGHT_BUMP,
+    TRUTH,
+    Belief,
+    Image,
+    draw_panels,
+    panel_size,
+)
 from bgn.pictures.camera import Camera
 
-#: Pixels (width, height) of the scene, and the side of its belief panel.
-SIZES: Final = {
-    "top-plate": ((400, 480), 240),
-    "two-bumps-1d": ((820, 440), 220),
-    "two-bumps-2d": ((560, 460), 340),
-}
 FRAMES_PER_MOVE: Final = 5
 FRAME_MILLISECONDS: Final = 90
 LAST_MILLISECONDS: Final = 1600
@@ -68,8 +71,7 @@ def record(domain: Domain, policy: Policy, seed: int) -> Film:
         This machine has no OpenGL.
     """
     world, rng = PhysicsWorld(domain), np.random.default_rng(seed)
-    (width, height), _ = SIZES[domain.id]
-    camera = Camera(world.scene, width, height)
+    camera = Camera(world.scene, *world.scene.view)
     try:
         return Film(domain, list(_shots(world, camera, policy, rng)))
     finally:
@@ -157,10 +159,9 @@ def save_strip(film: Film, path: Path, columns: int = STRIP_COLUMNS) -> None:
 
 
 def _column(domain: Domain, number: int, shot: Shot) -> Pillow.Image:
-    (width, height), _ = SIZES[domain.id]
     scene = Pillow.fromarray(shot.frames[-1])
     wide = 300
-    scene = scene.resize((wide, round(height * wide / width)), Pillow.Resampling.LANCZOS)
+    scene = scene.resize((wide, round(scene.height * wide / scene.width)), Pillow.Resampling.LANCZOS)
     panel = Pillow.fromarray(_panels(domain, shot))
     picture = Pillow.new("RGB", (wide, CAPTION + scene.height + panel.height), "white")
     caption, colour = _caption(number, shot)
@@ -171,11 +172,10 @@ def _column(domain: Domain, number: int, shot: Shot) -> Pillow.Image:
 
 
 def _panels(domain: Domain, shot: Shot) -> Image:
-    side = SIZES[domain.id][1]
     beliefs: dict[str, Belief] = {} if shot.predicted is None else {"predicted belief": shot.predicted}
     beliefs["true belief"] = shot.moment.belief
-    height = round(side * 0.6) if domain.id == "two-bumps-2d" else side
-    return draw_panels(domain, shot.moment.x, shot.moment.y, beliefs, (side, height * len(beliefs)))
+    width, height = panel_size(domain)
+    return draw_panels(domain, shot.moment.x, shot.moment.y, beliefs, (width, height * len(beliefs)))
 
 
 def _caption(number: int, shot: Shot) -> tuple[str, tuple[int, int, int]]:

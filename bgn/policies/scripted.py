@@ -5,13 +5,40 @@ They see what any history agent sees, the readings and their own actions.
 
 from __future__ import annotations
 
-from typing import Final
+from collections.abc import Callable
+from typing import Final, Protocol, TypeVar
 
 import numpy as np
 
 from bgn.domains import top_plate, two_bumps_1d, two_bumps_2d
 from bgn.domains.domain import Domain
 from bgn.errors import InputError
+
+
+class Policy(Protocol):
+    """Acts on the history of one episode."""
+
+    def reset(self, generator: np.random.Generator | None = None) -> None:
+        """Begin anew."""
+        ...
+
+    def act(self, observation: int, last_action: int | None) -> int:
+        """Return the next action."""
+        ...
+
+
+_SCRIPTS: dict[str, Callable[[Domain], Policy]] = {}
+AnyPolicy = TypeVar("AnyPolicy", bound=Callable[[Domain], Policy])
+
+
+def describes(domain_id: str) -> Callable[[AnyPolicy], AnyPolicy]:
+    """Register the decorated class as what the paper describes for a domain."""
+
+    def decorate(policy: AnyPolicy) -> AnyPolicy:
+        _SCRIPTS[domain_id] = policy
+        return policy
+
+    return decorate
 
 
 class RandomPolicy:
@@ -30,6 +57,7 @@ class RandomPolicy:
         return int(self._generator.integers(self._n_actions))
 
 
+@describes("top-plate")
 class TopPlatePolicy:
     """Go up until no plate is felt, one level down, grasp; at the highest possible plate grasp at once."""
 
@@ -51,6 +79,7 @@ class TopPlatePolicy:
         return top_plate.DOWN if self._above else top_plate.UP
 
 
+@describes("two-bumps-1d")
 class TwoBumps1DPolicy:
     """Right until past a bump, then stiff; failing that, back left past a bump, then right stiffly.
 
@@ -81,6 +110,7 @@ class TwoBumps1DPolicy:
         return two_bumps_1d.RIGHT_STIFF if self._met else two_bumps_1d.RIGHT_SOFT
 
 
+@describes("two-bumps-2d")
 class TwoBumps2DPolicy:
     """Follow a closed tour of the grid until both bumps were felt, then go straight to the large one."""
 
@@ -116,15 +146,7 @@ class TwoBumps2DPolicy:
         return two_bumps_2d.BACKWARD if to_row < row else two_bumps_2d.FORWARD
 
 
-ScriptedPolicy = TopPlatePolicy | TwoBumps1DPolicy | TwoBumps2DPolicy
-_SCRIPTED: Final[dict[str, type[ScriptedPolicy]]] = {
-    "top-plate": TopPlatePolicy,
-    "two-bumps-1d": TwoBumps1DPolicy,
-    "two-bumps-2d": TwoBumps2DPolicy,
-}
-
-
-def scripted_policy(domain: Domain) -> ScriptedPolicy:
+def scripted_policy(domain: Domain) -> Policy:
     """Return the policy that the paper describes for a robot domain; it succeeds in every episode.
 
     Raises
@@ -132,6 +154,8 @@ def scripted_policy(domain: Domain) -> ScriptedPolicy:
     ValueError
         The paper describes none for this domain.
     """
-    if domain.id not in _SCRIPTED:
-        raise InputError(f"no scripted policy for {domain.id!r}; there is one for {', '.join(_SCRIPTED)}")
-    return _SCRIPTED[domain.id](domain)
+    if domain.id not in _SCRIPTS:
+        raise InputError(
+            f"no scripted policy for {domain.id!r}; there is one for {', '.join(sorted(_SCRIPTS))}"
+        )
+    return _SCRIPTS[domain.id](domain)

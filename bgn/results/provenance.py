@@ -19,7 +19,7 @@ import numpy as np
 from scipy import sparse
 
 import bgn
-from bgn.domains.domain import Domain
+from bgn.domains.domain import FOR_PEOPLE, Domain
 
 #: Where training starts. Domains are found at run time, not imported by name: a run sees only their tables,
 #: which :func:`data_hash` covers.
@@ -178,8 +178,9 @@ def _pieces(value: Any) -> Iterator[bytes]:
         yield from _pieces(rows.data)
     elif dataclasses.is_dataclass(value):
         for field in dataclasses.fields(value):
-            yield field.name.encode()
-            yield from _pieces(getattr(value, field.name))
+            if field.metadata != FOR_PEOPLE:
+                yield field.name.encode()
+                yield from _pieces(getattr(value, field.name))
     elif isinstance(value, tuple):
         yield f"tuple {len(value)}".encode()
         for item in value:

@@ -9,8 +9,7 @@ import pytest
 
 from bgn import domains
 from bgn.domains import two_bumps_1d, two_bumps_2d
-from bgn.physics.compile import SCENES
-from bgn.physics.tasks import make_task
+from bgn.physics.tasks import task_of
 from bgn.physics.world import PhysicsWorld, compare_with_table, evaluate_in_physics, play
 from bgn.policies.scripted import RandomPolicy, scripted_policy
 from tests.domains._definitions import definition
@@ -133,7 +132,7 @@ def test_authors_start_belief_holds_an_impossible_height():
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_restored_physics_continues_bit_for_bit(name):
-    scene, fresh = SCENES[name](), SCENES[name]()
+    scene, fresh = task_of(name).scene(), task_of(name).scene()
     hidden = scene.hidden_parts()[7]
     scene.reset(hidden, scene.starts(hidden)[0])
     actions = np.random.default_rng(0).integers(scene.actions, size=8)
@@ -146,7 +145,7 @@ def test_restored_physics_continues_bit_for_bit(name):
 
 
 def test_watching_a_move_does_not_change_it():
-    plain, watched = SCENES["two-bumps-1d"](), SCENES["two-bumps-1d"]()
+    plain, watched = task_of("two-bumps-1d").scene(), task_of("two-bumps-1d").scene()
     seen = []
     watched.observer = lambda: seen.append(watched.data.time)
     for scene in (plain, watched):
@@ -158,7 +157,7 @@ def test_watching_a_move_does_not_change_it():
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_finger_angles_are_those_of_the_geometry(name):
-    scene = SCENES[name]()
+    scene = task_of(name).scene()
     contact = {"two-bumps-2d": 0.2543}.get(name, scene.angle_gaps[-1])
     angles = []
     for hidden in scene.hidden_parts()[1:8:3]:
@@ -187,7 +186,7 @@ def test_episodes_are_cut_at_the_limit():
         def act(self, observation, last_action):
             return 0  # refused at level 0, without end
 
-    assert play(domain, make_task(domain), Waits(domain), np.random.default_rng(0)) == (False, 50)
+    assert play(domain, PhysicsWorld(domain).task, Waits(domain), np.random.default_rng(0)) == (False, 50)
     world = PhysicsWorld(domain)
     world.reset_to(1, 0)
     moments = [world.step(0) for _ in range(50)]

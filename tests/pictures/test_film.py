@@ -9,6 +9,7 @@ from PIL import Image
 
 from bgn import domains
 from bgn.__main__ import main
+from bgn.physics.tasks import task_of
 from bgn.pictures import film
 from bgn.pictures.belief_panels import draw_panels
 from bgn.policies.scripted import scripted_policy
@@ -52,7 +53,9 @@ def test_panels_show_the_belief_the_truth_and_the_finger(name):
 @pytest.fixture
 def small(monkeypatch):
     needs_graphics()
-    monkeypatch.setattr(film, "SIZES", dict.fromkeys(ROBOTS, ((64, 48), 100)))
+    monkeypatch.setattr(film, "panel_size", lambda domain: (100, 60))
+    for name in ROBOTS:
+        monkeypatch.setattr(task_of(name).scene, "view", (64, 48))
     monkeypatch.setattr(film, "FRAMES_PER_MOVE", 20)
 
 
@@ -95,7 +98,7 @@ def test_render_command(small, tmp_path, capsys):
     [
         (["render", "hallway"], "'hallway' is not a robot domain; those are top-plate, two-bumps-1d"),
         (["render", "top-plate", "--policy", "lost.safetensors"], "lost.safetensors: no such policy file"),
-        (["render", "top-plate", "--plates", "0"], "top-plate needs plates >= 1, not 0"),
+        (["render", "top-plate", "--plates", "0"], "top-plate has 1 to 10 plates, not 0"),
         (["render", "two-bumps-2d", "--variant", "new"], "unknown variant 'new'; known: paper, authors"),
         (["render", "top-plate", "--policy", "a.safetensors", "--plates", "5"], "brings its own variant"),
         (["render", "top-plate", "--out", "nowhere/film.gif"], "no folder nowhere to write film.gif into"),
