@@ -37,7 +37,9 @@ class DomainEntry(_Entry):
     """How the benchmark treats one domain."""
 
     metric: Metric
-    """Column of ``runs`` that the paper's tables report for this domain."""
+    """Column of ``runs`` that is judged against the paper."""
+    authors_metric: Literal["first_100_return"] | None = None
+    """Column that measures as the authors did, where that is another one (see benchmarks.authors_evaluation)."""
     tolerance: float = Field(gt=0)
     """δ of the equivalence test, in the metric's own unit."""
     cost: float = Field(gt=0)
@@ -93,6 +95,8 @@ class Defaults(_Entry):
 
     budget: str
     preset: str
+    judged_budget: str
+    """The budget with the paper's horizons: shorter runs get no verdict."""
 
 
 class Registry(_Entry):
@@ -115,6 +119,7 @@ class Registry(_Entry):
     def _names_agree(self) -> Registry:
         _known("defaults.budget", [self.defaults.budget], self.budgets)
         _known("defaults.preset", [self.defaults.preset], self.presets)
+        _known("defaults.judged_budget", [self.defaults.judged_budget], self.budgets)
         for name, reference in self.references.items():
             _known(f"references.{name}.domains", reference.domains, self.domains)
             _unique(f"references.{name}.domains", reference.domains)

@@ -5,7 +5,8 @@ Under ``results/local/<budget>/<preset>/``, for the run ``hallway/ah-ch/seed-3``
 - ``runs/hallway/ah-ch/seed-3.parquet``: the run's row, written last, so that it stands for all the others;
 - ``runs/hallway/ah-ch/seed-3.failed.parquet``: the last failed attempt, gone once the run succeeds;
 - ``curves/hallway/ah-ch/seed-3.parquet``: its learning curve;
-- ``policies/hallway/ah-ch/seed-3.safetensors``: its policy.
+- ``policies/hallway/ah-ch/seed-3.safetensors``: its policy;
+- ``measures/hallway/ah-ch/seed-3.parquet``: what was measured of that policy afterwards, if anything.
 
 ``references/hallway/sarsop/clean.parquet`` is the row of a policy that is not trained, ``tables/`` holds what
 is printed, and ``.work/`` unfinished stacks of runs, which are no results.
@@ -26,7 +27,7 @@ import pyarrow.parquet as pq
 
 from bgn.errors import BgnError
 
-Kind = Literal["runs", "curves", "references"]
+Kind = Literal["runs", "curves", "references", "measures"]
 _FAILED = ".failed"
 
 
