@@ -16,7 +16,7 @@ from benchmarks.events import Event
 from benchmarks.executors import processes, streams
 from benchmarks.plan import Selection, State
 from benchmarks.registry import Registry, RegistryError
-from benchmarks.tasks import CellTask, ReferenceTask, Task, Tools
+from benchmarks.tasks import CellTask, ReferenceTask, Task, Work
 from bgn.domains import UnknownDomainError
 from bgn.errors import BgnError
 from bgn.results.store import StoreError
@@ -28,7 +28,7 @@ class DeviceError(BgnError, RuntimeError):
     """The device that was asked for is not there."""
 
 
-def main(arguments: Sequence[str] | None = None, *, tools: Tools = Tools()) -> int:  # noqa: B008
+def main(arguments: Sequence[str] | None = None, *, work: Work = Work()) -> int:  # noqa: B008
     """Run a command; return its exit status."""
     console = Console() if sys.stdout.isatty() else Console(width=report.TABLE_WIDTH)
     try:
@@ -37,7 +37,7 @@ def main(arguments: Sequence[str] | None = None, *, tools: Tools = Tools()) -> i
         selection = _select(benchmark, options)
         if options.command == "run":
             _check_device(options.device)
-            return _run(selection, options, tools, console)
+            return _run(selection, options, work, console)
         show = {"status": _show_status, "tables": _show_tables}[options.command]
         return show(selection, options, console)
     except (RegistryError, StoreError, UnknownDomainError, DeviceError) as error:
@@ -48,20 +48,20 @@ def main(arguments: Sequence[str] | None = None, *, tools: Tools = Tools()) -> i
         return _INTERRUPTED
 
 
-def _run(selection: Selection, options: argparse.Namespace, tools: Tools, console: Console) -> int:
+def _run(selection: Selection, options: argparse.Namespace, work: Work, console: Console) -> int:
     store = selection.store(options.results)
-    wanted = selection.wanted()
+    requests = selection.requests()
     with store.lock():
-        lacking = [s.wanted for s in plan.statuses(wanted, store) if s.state is not State.CURRENT]
-        tasks = selection.tasks(lacking, store, options.device)
-        done = len(wanted) - len(lacking)
-        console.print(f"{done} of {len(wanted)} runs and reference rows are done.", highlight=False)
+        missing = [s.request for s in plan.statuses(requests, store) if s.state is not State.CURRENT]
+        tasks = selection.tasks(missing, store, options.device)
+        done = len(requests) - len(missing)
+        console.print(f"{done} of {len(requests)} runs and reference rows are done.", highlight=False)
         if tasks:
-            events = _execute(tasks, options, tools)
+            events = _execute(tasks, options, work)
             with progress.display(tasks, console) as display, contextlib.closing(events):
                 for event in events:
                     display.note(event)
-    statuses = plan.statuses(wanted, store)
+    statuses = plan.statuses(requests, store)
     report.show_tables(selection, store, console)
     if all(status.state is State.CURRENT for status in statuses):
         return 0
@@ -81,19 +81,19 @@ def _check_device(device: str) -> None:
         )
 
 
-def _execute(tasks: Sequence[Task], options: argparse.Namespace, tools: Tools) -> Generator[Event]:
+def _execute(tasks: Sequence[Task], options: argparse.Namespace, work: Work) -> Generator[Event]:
     """Do all tasks: on the CPU in processes; on a GPU the cells in threads, the planners before them."""
     if options.device == "cpu":
-        yield from processes.run_tasks(tasks, jobs=options.jobs, tools=tools)
+        yield from processes.run_tasks(tasks, jobs=options.jobs, work=work)
         return
     planners = [task for task in tasks if isinstance(task, ReferenceTask)]
     cells = [task for task in tasks if isinstance(task, CellTask)]
-    yield from processes.run_tasks(planners, jobs=options.jobs, tools=tools)
-    yield from streams.run_tasks(cells, jobs=options.jobs, tools=tools)
+    yield from processes.run_tasks(planners, jobs=options.jobs, work=work)
+    yield from streams.run_tasks(cells, jobs=options.jobs, work=work)
 
 
 def _show_status(selection: Selection, options: argparse.Namespace, console: Console) -> int:
-    statuses = plan.statuses(selection.wanted(), selection.store(options.results))
+    statuses = plan.statuses(selection.requests(), selection.store(options.results))
     report.show_status(selection, statuses, console)
     return 0
 
@@ -161,7 +161,9 @@ def parse_seeds(text: str) -> tuple[int, ...]:
     for part in text.split(","):
         first, dash, last = part.partition("-")
         if not first.isdecimal() or (dash and not last.isdecimal()) or (dash and int(last) < int(first)):
-            raise argparse.ArgumentTypeError(f"{part!r} is no seed or rising range; write 0-9 or 0,2,5-7")
+            raise argparse.ArgumentTypeError(
+                f"{part!r} is not a seed or a rising range; write 0-9 or 0,2,5-7"
+            )
         seeds.update(range(int(first), int(last or first) + 1))
     return tuple(sorted(seeds))
 

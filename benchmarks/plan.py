@@ -5,15 +5,17 @@ from __future__ import annotations
 import enum
 import pathlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import pandas as pd
 
 from benchmarks.registry import Registry
 from benchmarks.tasks import CellTask, ReferenceSpec, ReferenceTask, Task
 from bgn import domains
+from bgn.domains import Domain
 from bgn.results import provenance
 from bgn.results.provenance import Origin
+from bgn.results.run_ids import CellId, ReferenceId, RunId
 from bgn.results.schema import CLEAN, HIDDEN, Convention
 from bgn.results.store import Kind, Store
 from bgn.training.cell import CellSpec
@@ -23,7 +25,7 @@ _STEPS_PER_PLANNING_SECOND = 3000.0  # to compare a planner's time with training
 
 
 class State(enum.Enum):
-    """How far a wanted run is."""
+    """How far a request is."""
 
     CURRENT = "done"
     STALE = "older"
@@ -33,11 +35,11 @@ class State(enum.Enum):
 
 
 @dataclass(frozen=True)
-class Wanted:
+class Request:
     """One run or reference row that was asked for."""
 
     kind: Kind
-    run: str
+    id: RunId | ReferenceId
     spec: CellSpec | ReferenceSpec
     seed: int
     origin: Origin
@@ -45,9 +47,9 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Status:
-    """The state of a wanted run, and why it is not current."""
+    """The state of a request, and why it is not current."""
 
-    wanted: Wanted
+    request: Request
     state: State
     detail: str = ""
     traceback: str = ""
@@ -69,19 +71,7 @@ class Selection:
         """Return the store of this budget and preset under a results folder."""
         return Store(results / self.budget / self.preset)
 
-    def current_keys(self) -> set[str]:
-        """Return the content keys of everything the registry holds for this budget and preset."""
-        registry = self.registry
-        everything = replace(
-            self,
-            domains=tuple(registry.domains),
-            agents=tuple(registry.agents),
-            references=tuple(registry.references),
-            seeds=(0,),
-        )
-        return {one.origin.key for one in everything.wanted()}
-
-    def wanted(self) -> list[Wanted]:
+    def requests(self) -> list[Request]:
         """Return every run and reference row of the selection, in registry order.
 
         Raises
@@ -89,17 +79,21 @@ class Selection:
         bgn.domains.UnknownDomainError
             No module builds a domain that the registry names.
         """
-        return [one for domain in self.domains for one in (*self._runs(domain), *self._references(domain))]
+        return [
+            request for domain in self.domains for request in (*self._runs(domain), *self._references(domain))
+        ]
 
-    def tasks(self, wanted: Sequence[Wanted], store: Store, device: str) -> list[Task]:
-        """Return the tasks that yield the wanted runs, a cell's seeds stacked, the longest tasks first."""
-        cells: dict[str, list[Wanted]] = {}
-        for one in wanted:
-            cells.setdefault(one.run.rpartition("/")[0] if one.kind == "runs" else one.run, []).append(one)
-        tasks = [self._task(members, store, device) for members in cells.values()]
+    def tasks(self, requests: Sequence[Request], store: Store, device: str) -> list[Task]:
+        """Return the tasks that answer the requests, a cell's seeds stacked, the longest tasks first."""
+        stacks: dict[CellId | ReferenceId, list[Request]] = {}
+        for request in requests:
+            stacks.setdefault(request.id.cell if isinstance(request.id, RunId) else request.id, []).append(
+                request
+            )
+        tasks = [self._task(members, store, device) for members in stacks.values()]
         return sorted(tasks, key=lambda task: -task.cost)
 
-    def _runs(self, domain: str) -> Iterator[Wanted]:
+    def _runs(self, domain: str) -> Iterator[Request]:
         data = provenance.data_hash(domains.get(domain))
         for agent in self.agents:
             spec = self.registry.cell(domain, agent, budget=self.budget, preset=self.preset)
@@ -107,14 +101,16 @@ class Selection:
             code = provenance.code_hash(provenance.TRAINING_CODE, without=unused)
             origin = Origin(provenance.spec_hash(spec), code, data)
             for seed in self.seeds:
-                yield Wanted("runs", f"{domain}/{agent}/seed-{seed}", spec, seed, origin)
+                yield Request("runs", RunId.of(domain, agent, seed), spec, seed, origin)
 
-    def _references(self, domain: str) -> Iterator[Wanted]:
+    def _references(self, domain: str) -> Iterator[Request]:
         data = provenance.data_hash(domains.get(domain))
         code = provenance.code_hash(provenance.PLANNING_CODE)
         budget = self.registry.budget(self.budget)
         for reference in self.references:
-            for convention in conventions(domain) if self.registry.applies(reference, domain) else ():
+            for convention in (
+                conventions(domains.get(domain)) if self.registry.applies(reference, domain) else ()
+            ):
                 spec = ReferenceSpec(
                     domain=domain,
                     reference=reference,
@@ -123,12 +119,10 @@ class Selection:
                     planning_seconds=budget.planning_seconds,
                     seed=_REFERENCE_SEED,
                 )
-                run = f"{domain}/{reference}/{convention}"
-                yield Wanted(
-                    "references", run, spec, spec.seed, Origin(provenance.spec_hash(spec), code, data)
-                )
+                origin = Origin(provenance.spec_hash(spec), code, data)
+                yield Request("references", spec.id, spec, spec.seed, origin)
 
-    def _task(self, members: Sequence[Wanted], store: Store, device: str) -> Task:
+    def _task(self, members: Sequence[Request], store: Store, device: str) -> Task:
         spec = members[0].spec
         origin = members[0].origin
         if isinstance(spec, ReferenceSpec):
@@ -149,20 +143,25 @@ class Selection:
             store=store.root,
             cost=spec.env_steps * len(members) * weight,
             spec=spec,
-            seeds=tuple(one.seed for one in members),
+            seeds=tuple(request.seed for request in members),
             device=device,
         )
 
 
-def conventions(domain: str) -> tuple[Convention, ...]:
+def conventions(domain: Domain) -> tuple[Convention, ...]:
     """Return how episodes of a domain may open."""
-    return (CLEAN, HIDDEN) if domains.get(domain).hidden_first_action else (CLEAN,)
+    return (CLEAN, HIDDEN) if domain.hidden_first_action else (CLEAN,)
 
 
-def statuses(wanted: Sequence[Wanted], store: Store) -> list[Status]:
-    """Compare what is wanted with what is stored."""
+def opening(domain: Domain) -> Convention:
+    """Return how the episodes of agents open."""
+    return conventions(domain)[-1]
+
+
+def statuses(requests: Sequence[Request], store: Store) -> list[Status]:
+    """Compare what is asked for with what is stored."""
     found = {kind: _by_run(store.read(kind)) for kind in ("runs", "references")}
-    return [_status(one, found[one.kind].get(one.run, [])) for one in wanted]
+    return [_status(request, found[request.kind].get(str(request.id), [])) for request in requests]
 
 
 def _by_run(rows: pd.DataFrame) -> dict[str, list[Mapping[str, str]]]:
@@ -175,16 +174,16 @@ def _by_run(rows: pd.DataFrame) -> dict[str, list[Mapping[str, str]]]:
     return grouped
 
 
-def _status(wanted: Wanted, rows: Sequence[Mapping[str, str]]) -> Status:
-    current = [row for row in rows if row["key"] == wanted.origin.key]
+def _status(request: Request, rows: Sequence[Mapping[str, str]]) -> Status:
+    current = [row for row in rows if row["key"] == request.origin.key]
     if any(row["status"] == "ok" for row in current):
-        return Status(wanted, State.CURRENT)
+        return Status(request, State.CURRENT)
     if current:
-        return Status(wanted, State.FAILED, current[0]["error"], current[0]["traceback"])
+        return Status(request, State.FAILED, current[0]["error"], current[0]["traceback"])
     for row in rows:
         if row["status"] == "ok":
-            return Status(wanted, State.STALE, _difference(wanted.origin, row))
-    return Status(wanted, State.MISSING)
+            return Status(request, State.STALE, _difference(request.origin, row))
+    return Status(request, State.MISSING)
 
 
 def _difference(origin: Origin, row: Mapping[str, str]) -> str:

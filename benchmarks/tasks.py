@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Protocol
 
 from bgn.results import provenance, schema
 from bgn.results.provenance import Origin
+from bgn.results.run_ids import CellId, ReferenceId, RunId
 from bgn.results.schema import Convention
 from bgn.results.store import Kind, Store, write_atomically
 from bgn.training.cell import CellSpec, Progress, RunResult
@@ -30,7 +31,7 @@ class TrainCell(Protocol):
         checkpoint: pathlib.Path | None = ...,
         on_progress: ProgressListener | None = ...,
     ) -> list[RunResult]:
-        """Return one result a seed."""
+        """Return one result per seed."""
 
 
 def train_cell(spec: CellSpec, seeds: Sequence[int], **options: Any) -> list[RunResult]:
@@ -65,6 +66,11 @@ class ReferenceSpec:
     planning_seconds: float
     seed: int
 
+    @property
+    def id(self) -> ReferenceId:
+        """The id of the row, e.g. ``hallway/sarsop/clean``."""
+        return ReferenceId(self.domain, self.reference, self.convention)
+
 
 def evaluate_reference(spec: ReferenceSpec) -> Mapping[str, float]:
     """Evaluate a policy that is not trained, importing the planner only now, in the worker."""
@@ -82,7 +88,7 @@ def evaluate_reference(spec: ReferenceSpec) -> Mapping[str, float]:
 
 
 @dataclass(frozen=True)
-class Tools:
+class Work:
     """What workers call to get the work done; picklable by reference."""
 
     train_cell: TrainCell = train_cell
@@ -114,12 +120,13 @@ class CellTask(_Task):
     @property
     def name(self) -> str:
         """The cell's id, e.g. ``hallway/ah-ch+bgn``."""
-        return f"{self.spec.domain}/{self.spec.agent}"
+        return str(CellId(self.spec.domain, self.spec.agent))
 
     @property
     def runs(self) -> tuple[str, ...]:
         """The run ids it yields."""
-        return tuple(f"{self.name}/seed-{seed}" for seed in self.seeds)
+        cell = CellId(self.spec.domain, self.spec.agent)
+        return tuple(str(RunId(cell, seed)) for seed in self.seeds)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,7 +141,7 @@ class ReferenceTask(_Task):
     @property
     def name(self) -> str:
         """The row's id, e.g. ``hallway/sarsop/clean``."""
-        return f"{self.spec.domain}/{self.spec.reference}/{self.spec.convention}"
+        return str(self.spec.id)
 
     @property
     def runs(self) -> tuple[str, ...]:
@@ -154,14 +161,14 @@ class Failure:
     started_at: datetime.datetime
 
 
-def execute(task: Task, tools: Tools, on_progress: ProgressListener) -> Failure | None:
+def execute(task: Task, work: Work, on_progress: ProgressListener) -> Failure | None:
     """Do a task and store what it yields; a failure is stored, and returned, not raised."""
     started_at = now()
     try:
         if isinstance(task, CellTask):
-            _train(task, tools, started_at, on_progress)
+            _train(task, work, started_at, on_progress)
         else:
-            _evaluate(task, tools, started_at)
+            _evaluate(task, work, started_at)
     except Exception as error:
         failure = Failure(f"{type(error).__name__}: {error}", traceback.format_exc(), started_at)
         record_failure(task, failure)
@@ -182,31 +189,31 @@ def record_failure(task: Task, failure: Failure) -> None:
             )
 
 
-def _train(task: CellTask, tools: Tools, started_at: datetime.datetime, listener: ProgressListener) -> None:
+def _train(task: CellTask, work: Work, started_at: datetime.datetime, listener: ProgressListener) -> None:
     store = Store(task.store)
     checkpoint = store.checkpoint(task.name, f"{task.origin.key}-{'-'.join(map(str, task.seeds))}")
     checkpoint.parent.mkdir(parents=True, exist_ok=True)
-    results = tools.train_cell(
+    results = work.train_cell(
         task.spec, task.seeds, device=task.device, checkpoint=checkpoint, on_progress=listener
     )
     if tuple(result.seed for result in results) != task.seeds:
         raise ValueError(f"asked for seeds {task.seeds}, got {[result.seed for result in results]}")
     rows = _rows(task, {"status": "ok", "error": None, "traceback": None}, started_at)
     for result, values in zip(results, rows, strict=True):
-        _store_run(store, task, tools, result, values)
+        _store_run(store, task, work, result, values)
     store.discard_checkpoints(task.name)
 
 
-def _store_run(store: Store, task: CellTask, tools: Tools, result: RunResult, values: dict[str, Any]) -> None:
+def _store_run(store: Store, task: CellTask, work: Work, result: RunResult, values: dict[str, Any]) -> None:
     run = values["run"]
     schema.check_metrics(run, result.metrics, schema.RUN_METRICS)
-    write_atomically(store.policy(run), lambda path: tools.save_policy(path, task.spec, result.policy))
+    write_atomically(store.policy(run), lambda path: work.save_policy(path, task.spec, result.policy))
     store.write("curves", run, schema.curve_table(run, task.origin.key, result.curve))
     store.write(task.kind, run, schema.row(task.identity, values, result.metrics))
 
 
-def _evaluate(task: ReferenceTask, tools: Tools, started_at: datetime.datetime) -> None:
-    metrics = tools.evaluate_reference(task.spec)
+def _evaluate(task: ReferenceTask, work: Work, started_at: datetime.datetime) -> None:
+    metrics = work.evaluate_reference(task.spec)
     schema.check_metrics(task.name, metrics, schema.REFERENCE_METRICS)
     (values,) = _rows(task, {"status": "ok", "error": None, "traceback": None}, started_at)
     Store(task.store).write(task.kind, task.name, schema.row(task.identity, values, metrics))

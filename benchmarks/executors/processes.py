@@ -13,7 +13,7 @@ from multiprocessing.process import BaseProcess
 from typing import Any
 
 from benchmarks.events import Advanced, Event, Finished, Started
-from benchmarks.tasks import Failure, Task, Tools, execute, now, record_failure
+from benchmarks.tasks import Failure, Task, Work, execute, now, record_failure
 from bgn.training.cell import Progress
 
 #: One thread a worker: cells run side by side, so more would only fight over the cores.
@@ -27,7 +27,7 @@ _CONTEXT = multiprocessing.get_context("spawn")  # fork would copy the state of 
 _GRACE_SECONDS = 5.0
 
 
-def run_tasks(tasks: Sequence[Task], *, jobs: int, tools: Tools) -> Generator[Event]:
+def run_tasks(tasks: Sequence[Task], *, jobs: int, work: Work) -> Generator[Event]:
     """Do all tasks, in order, at most ``jobs`` at a time; yield what happens.
 
     Closing the iterator (or an exception in the caller, such as Ctrl-C) stops the workers.
@@ -37,7 +37,7 @@ def run_tasks(tasks: Sequence[Task], *, jobs: int, tools: Tools) -> Generator[Ev
     try:
         while waiting or workers:
             while waiting and len(workers) < jobs:
-                workers.append(_Worker(tools))
+                workers.append(_Worker(work))
                 yield workers[-1].start(waiting.popleft())
             for worker in _ready(workers):
                 for message in worker.messages():
@@ -57,12 +57,12 @@ def run_tasks(tasks: Sequence[Task], *, jobs: int, tools: Tools) -> Generator[Ev
 class _Worker:
     """A process that does one task after another, seen from the parent."""
 
-    def __init__(self, tools: Tools) -> None:
+    def __init__(self, work: Work) -> None:
         self.task: Task | None = None
         self.started_at = now()
         self.alive = True
         self.connection, theirs = _CONTEXT.Pipe()
-        self.process: BaseProcess = _CONTEXT.Process(target=_serve, args=(theirs, tools), daemon=True)
+        self.process: BaseProcess = _CONTEXT.Process(target=_serve, args=(theirs, work), daemon=True)
         with _environment(_ONE_THREAD):
             self.process.start()
         theirs.close()
@@ -115,7 +115,7 @@ def _ready(workers: Sequence[_Worker]) -> list[_Worker]:
     return [worker for worker in workers if worker.connection in connections]
 
 
-def _serve(connection: Connection[Any, Any], tools: Tools) -> None:
+def _serve(connection: Connection[Any, Any], work: Work) -> None:
     """Do tasks until the parent hangs up; the body of a worker process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the parent, which stops its workers
 
@@ -127,7 +127,7 @@ def _serve(connection: Connection[Any, Any], tools: Tools) -> None:
 
     with contextlib.suppress(EOFError, ConnectionResetError):
         while True:
-            report(execute(connection.recv(), tools, report))
+            report(execute(connection.recv(), work, report))
 
 
 @contextlib.contextmanager

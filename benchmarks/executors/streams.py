@@ -12,15 +12,15 @@ from collections.abc import Generator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 
 from benchmarks.events import Advanced, Event, Finished, Started
-from benchmarks.tasks import Task, Tools, execute
+from benchmarks.tasks import Task, Work, execute
 from bgn.training.cell import Progress
 
 
 class _Stopped(BaseException):
-    """Ends a task whose result nobody waits for; no failure, so not an ``Exception``."""
+    """Ends a task whose result nobody waits for; not a failure, so not an ``Exception``."""
 
 
-def run_tasks(tasks: Sequence[Task], *, jobs: int, tools: Tools) -> Generator[Event]:
+def run_tasks(tasks: Sequence[Task], *, jobs: int, work: Work) -> Generator[Event]:
     """Do all tasks, in order, at most ``jobs`` at a time; yield what happens.
 
     Closing the iterator stops the threads at their next report of progress; checkpoints stand.
@@ -35,7 +35,7 @@ def run_tasks(tasks: Sequence[Task], *, jobs: int, tools: Tools) -> Generator[Ev
             messages.put(Advanced(task, progress))
 
         messages.put(Started(task))
-        messages.put(Finished(task, execute(task, tools, report)))
+        messages.put(Finished(task, execute(task, work, report)))
 
     pool = ThreadPoolExecutor(jobs)
     try:
@@ -45,7 +45,7 @@ def run_tasks(tasks: Sequence[Task], *, jobs: int, tools: Tools) -> Generator[Ev
         while left:
             message = messages.get()
             if isinstance(message, Future):
-                message.result()  # raises what is no failure of the task, such as a full disk
+                message.result()  # raises what is not a failure of the task, such as a full disk
                 left -= 1
             else:
                 yield message

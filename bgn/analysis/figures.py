@@ -1,4 +1,4 @@
-"""Learning curves as the paper draws them: one panel a domain, one line an agent."""
+"""Learning curves as the paper draws them: one panel per domain, one line per agent."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter
 
 from bgn.analysis.cells import DomainRow
-from bgn.analysis.tables import Evidence
+from bgn.analysis.evidence import Evidence
 from bgn.results.schema import CLEAN
 
 _COLUMNS = 4
@@ -22,7 +22,7 @@ _PANEL_INCHES = (3.6, 2.7)
 _WINDOW = 100  # episodes behind each mean
 _POINTS = 200  # of the common grid of environment steps
 
-#: One colour an agent, told apart by most eyes (Okabe and Ito).
+#: One colour per agent, told apart by most eyes (Okabe and Ito).
 _COLOURS = {
     "ah-ch": "#0072B2",
     "ah-ch+bgn": "#D55E00",
@@ -78,7 +78,7 @@ def _draw(axes: Axes, domain: DomainRow, evidence: Evidence, curves: pd.DataFram
     # Before that, the mean is over the few episodes that happened to end soonest.
     curves = curves[curves["episodes"] >= _WINDOW]
     quantity = "return" if domain.family == "classic" else "success"
-    for agent, title in evidence.agents.items():
+    for agent, title in evidence.agent_titles.items():
         line = band(curves[curves["agent"] == agent], f"{quantity}_100")
         if len(line):
             steps, mean, sd = line["env_steps"], line["mean"], line["sd"]

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 
 import pandas as pd
 
 from bgn.analysis import paper
 from bgn.analysis.cells import DomainRow
-from bgn.analysis.text_table import BLANK, Grid, plus_minus
+from bgn.analysis.evidence import Evidence
+from bgn.analysis.text_table import BLANK, TextTable, plus_minus
 from bgn.analysis.verdicts import Verdict
 from bgn.results.schema import CLEAN, HIDDEN
 
@@ -34,57 +34,17 @@ _LEGEND = "Verdicts: " + "; ".join(f"{mark} {verdict.value}" for verdict, mark i
 _CI = 1.96  # half-width of a 95 % interval in standard errors
 
 
-@dataclass(frozen=True)
-class Evidence:
-    """Everything the tables are made of."""
-
-    cells: pd.DataFrame
-    """:func:`bgn.analysis.cells.summarise`."""
-    runs: pd.DataFrame
-    """Finished runs."""
-    references: pd.DataFrame
-    """Finished reference rows."""
-    domains: Sequence[DomainRow]
-    """The domains to show, in order."""
-    agents: Mapping[str, str]
-    """Titles by agent id, in column order."""
-    policies: Mapping[str, str]
-    """Titles of reference policies by id, in order."""
-    remarks: Sequence[str] = ()
-    """Notes on the whole, such as results of older code."""
-
-    def family(self, family: str) -> list[DomainRow]:
-        """Return the classic or the robot domains."""
-        return [domain for domain in self.domains if domain.family == family]
-
-    def cell(self, domain: str, agent: str) -> pd.Series | None:
-        """Return the summary of a cell, if it has runs."""
-        if self.cells.empty:
-            return None
-        found = self.cells[(self.cells["domain"] == domain) & (self.cells["agent"] == agent)]
-        return None if found.empty else found.iloc[0]
-
-    def reference(self, domain: str, policy: str, convention: str) -> pd.Series | None:
-        """Return the row of a reference policy, if it was evaluated."""
-        rows = self.references
-        if rows.empty:
-            return None
-        rows = rows[(rows["domain"] == domain) & (rows["reference"] == policy)]
-        rows = rows[rows["convention"] == convention]
-        return None if rows.empty else rows.iloc[0]
-
-
-def raw_returns(evidence: Evidence) -> Grid:
+def raw_returns(evidence: Evidence) -> TextTable:
     """Return Table 7 of the paper, ours above the paper's, with verdicts."""
     rows = []
     for domain in evidence.family("classic"):
         sarsop = evidence.reference(domain.id, "sarsop", CLEAN)
-        random = evidence.reference(domain.id, "random", HIDDEN)
+        random = evidence.reference(domain.id, "random", domain.opening)
         ours = [
             _text(sarsop, "return", "return_se", scale=_CI),
             _text(random, "return", "return_sd"),
         ]
-        theirs = [paper.RETURNS.get((domain.id, agent)) for agent in evidence.agents]
+        theirs = [paper.RETURNS.get((domain.id, agent)) for agent in evidence.agent_titles]
         printed = [paper.REFERENCE_RETURNS.get((domain.id, policy)) for policy in ("sarsop", "random")]
         rows += [
             [domain.title, "ours", *_cells(evidence, domain, _mean_sd), *ours],
@@ -102,11 +62,11 @@ def raw_returns(evidence: Evidence) -> Grid:
         _LEGEND,
         *evidence.remarks,
     ]
-    columns = ["Domain", "", *evidence.agents.values(), "SARSOP", "Random"]
-    return Grid("Raw returns (paper, Table 7)", columns, rows, notes)
+    columns = ["Domain", "", *evidence.agent_titles.values(), "SARSOP", "Random"]
+    return TextTable("Raw returns (paper, Table 7)", columns, rows, notes)
 
 
-def normalised_returns(evidence: Evidence) -> Grid:
+def normalised_returns(evidence: Evidence) -> TextTable:
     """Return Table 8 of the paper under its own mixed convention and under one consistent convention."""
     frame = normalised_frame(evidence)
     rows = []
@@ -121,7 +81,7 @@ def normalised_returns(evidence: Evidence) -> Grid:
                 ].set_index("agent")
                 texts = [
                     plus_minus(chosen["mean"].get(agent), chosen["sd"].get(agent))
-                    for agent in evidence.agents
+                    for agent in evidence.agent_titles
                 ]
                 borrowed = "†" if bool(chosen["borrowed"].any()) else ""
                 rows.append([title, f"{source}{label}{borrowed}", *texts])
@@ -134,11 +94,13 @@ def normalised_returns(evidence: Evidence) -> Grid:
     ]
     if bool(frame["borrowed"].any()):
         notes.append("†: SARSOP or Random is the paper's number, since ours is not stored yet.")
-    return Grid("Normalised returns (paper, Table 8)", ["Domain", "", *evidence.agents.values()], rows, notes)
+    return TextTable(
+        "Normalised returns (paper, Table 8)", ["Domain", "", *evidence.agent_titles.values()], rows, notes
+    )
 
 
 def normalised_frame(evidence: Evidence) -> pd.DataFrame:
-    """Return one row a domain, agent, source (ours, paper) and convention (paper's, consistent)."""
+    """Return one row per domain, agent, source (ours, paper) and convention (paper's, consistent)."""
     columns = ["domain", "agent", "source", "convention", "mean", "sd", "sarsop", "random", "borrowed"]
     rows: list[list[str | float | bool]] = []
     for domain in evidence.family("classic"):
@@ -146,7 +108,7 @@ def normalised_frame(evidence: Evidence) -> pd.DataFrame:
             ours = _scale(evidence, domain.id, best_start)
             # Under its own convention, the paper's row is the paper's alone, as it would have printed it.
             theirs = _printed_scale(domain.id) if convention == "paper's" else ours
-            for agent in evidence.agents:
+            for agent in evidence.agent_titles:
                 for source, (mean, sd) in _both(evidence, domain.id, agent).items():
                     best, worst, borrowed = ours if source == "ours" else theirs
                     values: list[float] = [(mean - worst) / (best - worst), sd / (best - worst), best, worst]
@@ -154,7 +116,7 @@ def normalised_frame(evidence: Evidence) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def success_rates(evidence: Evidence) -> Grid:
+def success_rates(evidence: Evidence) -> TextTable:
     """Return the success rates of the robot domains (paper, Figures 4 and 8, which print no numbers)."""
     rows = []
     for domain in evidence.family("robot"):
@@ -175,16 +137,16 @@ def success_rates(evidence: Evidence) -> Grid:
         _LEGEND,
         *evidence.remarks,
     ]
-    columns = ["Domain", "", *evidence.agents.values(), "Random", "Perfect"]
-    return Grid("Success rates in the robot domains", columns, rows, notes)
+    columns = ["Domain", "", *evidence.agent_titles.values(), "Random", "Perfect"]
+    return TextTable("Success rates in the robot domains", columns, rows, notes)
 
 
-def reference_policies(evidence: Evidence) -> Grid:
+def reference_policies(evidence: Evidence) -> TextTable:
     """Return every reference policy under both conventions."""
     rows = []
     for domain in evidence.domains:
         title = domain.title
-        for policy, name in evidence.policies.items():
+        for policy, name in evidence.reference_titles.items():
             found = [evidence.reference(domain.id, policy, start) for start in (CLEAN, HIDDEN)]
             if any(row is not None for row in found):
                 texts = [_text(row, "return", "return_se", scale=_CI, digits=3) for row in found]
@@ -192,12 +154,12 @@ def reference_policies(evidence: Evidence) -> Grid:
                 rows.append([title, name, *texts, printed])
                 title = ""
     notes = ["Mean ± 95 % interval of the mean over episodes; returns, in the robot domains success rates."]
-    return Grid(
+    return TextTable(
         "Reference policies", ["Domain", "Policy", "clean start", "hidden first action", "paper"], rows, notes
     )
 
 
-def all_metrics(evidence: Evidence) -> Grid:
+def all_metrics(evidence: Evidence) -> TextTable:
     """Return each cell by the paper's training metric and by both fixed evaluations of the final policy."""
     labels = {"train": "last 100 training", "sampled": "evaluated, sampled", "greedy": "evaluated, greedy"}
     rows = []
@@ -207,7 +169,7 @@ def all_metrics(evidence: Evidence) -> Grid:
         for prefix, label in labels.items():
             column = f"{prefix}_{quantity}"
             mark = " *" if column == domain.metric else ""
-            texts = [_over_runs(evidence, domain.id, agent, column) for agent in evidence.agents]
+            texts = [_over_runs(evidence, domain.id, agent, column) for agent in evidence.agent_titles]
             rows.append([title, label + mark, *texts])
             title = ""
         rows += _extra_row(evidence, domain, "KL of the belief, nats", "sampled_belief_kl", digits=3)
@@ -215,11 +177,11 @@ def all_metrics(evidence: Evidence) -> Grid:
         "Mean ± standard deviation over runs. * is the paper's metric for the domain, used above. KL: how far the "
         "belief that a grounded actor reconstructs is from the exact one, mean over the steps of sampled evaluation.",
     ]
-    return Grid("All metrics", ["Domain", "", *evidence.agents.values()], rows, notes)
+    return TextTable("All metrics", ["Domain", "", *evidence.agent_titles.values()], rows, notes)
 
 
 def _cells(evidence: Evidence, domain: DomainRow, text: Callable[[pd.Series], str]) -> list[str]:
-    found = [evidence.cell(domain.id, agent) for agent in evidence.agents]
+    found = [evidence.cell(domain.id, agent) for agent in evidence.agent_titles]
     return [text(cell) if cell is not None else BLANK for cell in found]
 
 
@@ -255,7 +217,7 @@ def _extra_row(
     digits: int = 2,
 ) -> list[list[str]]:
     """Return one row of a metric that not every run has, or none where no run has it."""
-    texts = [_over_runs(evidence, domain.id, agent, column, digits) for agent in evidence.agents]
+    texts = [_over_runs(evidence, domain.id, agent, column, digits) for agent in evidence.agent_titles]
     return [["", label, *texts, *references]] if any(text != BLANK for text in texts) else []
 
 

@@ -14,7 +14,7 @@ BLANK = "–"
 
 
 @dataclass(frozen=True)
-class Grid:
+class TextTable:
     """A table of texts. A row whose first text is empty continues the row above."""
 
     title: str

@@ -82,17 +82,17 @@ def _shots(world: PhysicsWorld, camera: Camera, policy: Policy, rng: np.random.G
     moment = world.reset(rng)
     policy.reset(rng)
     names = world.domain.model.joint.action_names
-    said, action = "start", None
+    label, action = "start", None
     frames = [camera.frame()]
     while not (moment.ended or moment.truncated):
         choice = policy.act(moment.observation, action)
-        yield Shot(moment, _predicted(policy), said, frames)
-        action, said, frames = choice, names[choice], []
+        yield Shot(moment, _predicted(policy), label, frames)
+        action, label, frames = choice, names[choice], []
         tick = _Ticker(camera, frames)
         world.scene.observer = tick.tick
         moment = world.step(choice)
         frames.append(camera.frame())
-    yield Shot(moment, _predicted(policy), said, frames)
+    yield Shot(moment, _predicted(policy), label, frames)
 
 
 class _Ticker:

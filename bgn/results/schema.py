@@ -1,8 +1,8 @@
 """The tables that runs leave behind, column by column.
 
-``runs``        one row a run: who, how it ended, final metrics, provenance.
-``curves``      one row a logged update of a run: see :attr:`bgn.training.cell.RunResult.curve`.
-``references``  one row a reference policy, domain and convention.
+``runs``        one row per run: who, how it ended, final metrics, provenance.
+``curves``      one row per logged update of a run: see :attr:`bgn.training.cell.RunResult.curve`.
+``references``  one row per reference policy, domain and convention.
 """
 
 from __future__ import annotations
@@ -43,6 +43,9 @@ REFERENCE_IDENTITY: Columns = {
     "budget": _TEXT,
     "preset": _TEXT,
 }
+
+RowKind = Literal["runs", "references"]
+IDENTITIES: Mapping[RowKind, Columns] = {"runs": RUN_IDENTITY, "references": REFERENCE_IDENTITY}
 
 #: How it ended: ``ok`` or ``failed``, and then why.
 OUTCOME: Columns = {"status": _TEXT, "error": _TEXT, "traceback": _TEXT}
@@ -106,7 +109,7 @@ class SchemaError(BgnError, ValueError):
 
 
 def row(identity: Columns, values: Mapping[str, Any], metrics: Mapping[str, float]) -> pa.Table:
-    """Return a one-row table: identity, outcome, provenance, and one float column a metric.
+    """Return a one-row table: identity, outcome, provenance, and one float column per metric.
 
     Raises
     ------

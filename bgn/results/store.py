@@ -1,4 +1,4 @@
-"""The store: a folder of small parquet shards, one a run, each written in one atomic step.
+"""The store: a folder of small parquet shards, one per run, each written in one atomic step.
 
 Under ``results/local/<budget>/<preset>/``, for the run ``hallway/ah-ch/seed-3``:
 

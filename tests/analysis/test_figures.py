@@ -9,7 +9,7 @@ from PIL import Image
 
 from bgn.analysis import figures
 from bgn.analysis.cells import DomainRow
-from bgn.analysis.tables import Evidence
+from bgn.analysis.evidence import Evidence
 
 CURVES = pd.DataFrame(
     {
@@ -36,7 +36,14 @@ def test_picture_has_a_panel_for_each_domain_with_curves() -> None:
         DomainRow("top-plate", "TopPlate", "robot", "train_success", 0.05),
     ]
     empty = pd.DataFrame()
-    evidence = Evidence(empty, empty, empty, domains, {"ah-ch": "Ah-Ch"}, {})
+    evidence = Evidence(
+        cells=empty,
+        runs=empty,
+        references=empty,
+        domains=domains,
+        agent_titles={"ah-ch": "Ah-Ch"},
+        reference_titles={},
+    )
     one = Image.open(io.BytesIO(figures.learning_curves(evidence, CURVES)))
     robot = CURVES.assign(domain="top-plate", success_100=CURVES["return_100"])
     two = Image.open(io.BytesIO(figures.learning_curves(evidence, pd.concat([CURVES, robot]))))

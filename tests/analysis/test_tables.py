@@ -9,12 +9,13 @@ import pytest
 from bgn.agents.specs import AGENTS
 from bgn.analysis import tables
 from bgn.analysis.cells import DomainRow, summarise
-from bgn.analysis.tables import Evidence
-from bgn.analysis.text_table import Grid, plus_minus
+from bgn.analysis.evidence import Evidence
+from bgn.analysis.text_table import TextTable, plus_minus
+from bgn.results.schema import HIDDEN
 
 DOMAINS = (
-    DomainRow("hallway", "Hallway", "classic", "greedy_return", 0.05),
-    DomainRow("rocksample-4-4", "RockSample[4,4]", "classic", "train_return", 1.0),
+    DomainRow("hallway", "Hallway", "classic", "greedy_return", 0.05, HIDDEN),
+    DomainRow("rocksample-4-4", "RockSample[4,4]", "classic", "train_return", 1.0, HIDDEN),
     DomainRow("top-plate", "TopPlate", "robot", "train_success", 0.05),
 )
 
@@ -53,16 +54,16 @@ REFERENCES = [
 def evidence(references: list[dict[str, object]] = REFERENCES) -> Evidence:
     runs = pd.DataFrame(RUNS)
     return Evidence(
-        cells=summarise(runs, DOMAINS),
+        cells=summarise(runs, DOMAINS, AGENTS),
         runs=runs,
         references=pd.DataFrame(references),
         domains=DOMAINS,
-        agents={agent: spec.title for agent, spec in AGENTS.items()},
-        policies={"random": "Random", "sarsop": "SARSOP"},
+        agent_titles={agent: spec.title for agent, spec in AGENTS.items()},
+        reference_titles={"random": "Random", "sarsop": "SARSOP"},
     )
 
 
-def rows(grid: Grid) -> dict[tuple[str, str], Mapping[str, str]]:
+def rows(grid: TextTable) -> dict[tuple[str, str], Mapping[str, str]]:
     """Index a grid by domain title and row label."""
     found, title = {}, ""
     for row in grid.rows:
@@ -151,7 +152,7 @@ def test_tables_without_any_reference_rows() -> None:
 
 
 def test_markdown() -> None:
-    grid = Grid("Title", ["a", "b"], [["x|y", "1"]], ["note"])
+    grid = TextTable("Title", ["a", "b"], [["x|y", "1"]], ["note"])
     assert grid.markdown() == "## Title\n\n| a | b |\n| --- | --- |\n| x\\|y | 1 |\n\n- note\n"
 
 

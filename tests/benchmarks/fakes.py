@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pandas as pd
 
-from benchmarks.tasks import ProgressListener, ReferenceSpec, Tools
+from benchmarks.tasks import ProgressListener, ReferenceSpec, Work
 from bgn.results import schema
 from bgn.training.cell import CellSpec, Progress, RunResult
 
@@ -73,6 +73,6 @@ def _result(spec: CellSpec, seed: int) -> RunResult:
     return RunResult(seed=seed, curve=curve, metrics=metrics, policy={})
 
 
-WORKING = Tools(train_cell, save_policy, evaluate_reference)
-HANGING = Tools(hang_before_checkpoint, save_policy, evaluate_reference)  # type: ignore[arg-type]
-BREAKING = Tools(train_or_fail, save_policy, evaluate_reference)
+WORKING = Work(train_cell, save_policy, evaluate_reference)
+HANGING = Work(hang_before_checkpoint, save_policy, evaluate_reference)  # type: ignore[arg-type]
+BREAKING = Work(train_or_fail, save_policy, evaluate_reference)

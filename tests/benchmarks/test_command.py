@@ -47,7 +47,7 @@ def test_a_second_run_does_nothing_but_print(
         "hallway",
         "rocksample-4-4",
     ]
-    assert main([*command, "--jobs", "2"], tools=fakes.WORKING) == 0
+    assert main([*command, "--jobs", "2"], work=fakes.WORKING) == 0
     first = capsys.readouterr().out
     runs = stored(tmp_path).read("runs")
     assert len(runs) == 2 * 6 * 2
@@ -55,7 +55,7 @@ def test_a_second_run_does_nothing_but_print(
     assert len(stored(tmp_path).read("references")) == 4 * 2 + 5 * 2
     written = runs["finished_at"].max()
 
-    assert main(command, tools=fakes.BREAKING) == 0
+    assert main(command, work=fakes.BREAKING) == 0
     second = capsys.readouterr().out
     assert stored(tmp_path).read("runs")["finished_at"].max() == written
     assert "42 of 42 runs and reference rows are done" in second
@@ -71,7 +71,7 @@ def test_failures_are_rows_and_the_rest_goes_on(
 ) -> None:
     agents = ["ah-ch", fakes.FAILING_AGENT, fakes.DYING_AGENT]
     command = ["run", *smoke(tmp_path, "hallway", agents=agents), "--jobs", "1"]
-    assert main(command, tools=fakes.BREAKING) == 1
+    assert main(command, work=fakes.BREAKING) == 1
     printed = capsys.readouterr().out
     runs = stored(tmp_path).read("runs").set_index("run")
     assert runs.loc["hallway/ah-ch/seed-0", "status"] == "ok"
@@ -90,7 +90,7 @@ def test_failures_are_rows_and_the_rest_goes_on(
     assert "the loss is NaN" in printed
     assert "Traceback" in printed
 
-    assert main(command, tools=fakes.WORKING) == 0
+    assert main(command, work=fakes.WORKING) == 0
     runs = stored(tmp_path).read("runs")
     assert len(runs) == 6
     assert set(runs["status"]) == {"ok"}
@@ -108,8 +108,8 @@ def test_only_missing_seeds_are_run(tmp_path: pathlib.Path) -> None:
         "--agent",
         "ah-ch",
     ]
-    assert main([*command, "--seeds", "1"], tools=fakes.WORKING) == 0
-    assert main([*command, "--seeds", "0-2"], tools=fakes.WORKING) == 0
+    assert main([*command, "--seeds", "1"], work=fakes.WORKING) == 0
+    assert main([*command, "--seeds", "0-2"], work=fakes.WORKING) == 0
     stacks = stored(tmp_path).read("runs").set_index("seed")["stack_seeds"]
     assert {seed: list(stack) for seed, stack in stacks.items()} == {0: [0, 2], 1: [1], 2: [0, 2]}
 
@@ -118,7 +118,7 @@ def test_older_results_are_shown_as_such_and_computed_anew(
     tmp_path: pathlib.Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     command = smoke(tmp_path, "hallway", agents=["ah-ch"])
-    assert main(["run", *command], tools=fakes.WORKING) == 0
+    assert main(["run", *command], work=fakes.WORKING) == 0
     old = stored(tmp_path).read("runs")
     with monkeypatch.context() as patch:
         patch.setattr("bgn.results.provenance.code_hash", lambda *_, **__: "edited")
@@ -131,7 +131,7 @@ def test_older_results_are_shown_as_such_and_computed_anew(
         printed = capsys.readouterr().out
         assert "0.51±0.01‡" in printed or "0.50±0.01‡" in printed
         assert "2 of 2 runs are of other code" in printed
-        assert main(["run", *command], tools=fakes.WORKING) == 0
+        assert main(["run", *command], work=fakes.WORKING) == 0
         new = stored(tmp_path).read("runs")
     assert set(new["code_hash"]) == {"edited"}
     assert len(new) == len(old)
@@ -152,7 +152,7 @@ def test_killed_at_any_moment_it_goes_on(tmp_path: pathlib.Path) -> None:
     ]
     code = (
         "import sys; from benchmarks.__main__ import main; from tests.benchmarks import fakes;"
-        "sys.exit(main(sys.argv[1:], tools=fakes.HANGING))"
+        "sys.exit(main(sys.argv[1:], work=fakes.HANGING))"
     )
     process = subprocess.Popen([sys.executable, "-c", code, *command], cwd=ROOT, stdout=subprocess.DEVNULL)
     worker = _await_checkpoint(tmp_path)
@@ -160,7 +160,7 @@ def test_killed_at_any_moment_it_goes_on(tmp_path: pathlib.Path) -> None:
     process.wait()
     _await_death(worker)
     assert stored(tmp_path).read("runs").empty
-    assert main(command, tools=fakes.HANGING) == 0  # the fake goes on where there is a checkpoint
+    assert main(command, work=fakes.HANGING) == 0  # the fake goes on where there is a checkpoint
     assert len(stored(tmp_path).read("runs")) == 2
     assert not list(tmp_path.rglob("*.checkpoint"))
 

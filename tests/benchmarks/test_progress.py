@@ -19,7 +19,7 @@ def select(domain: str, agents: tuple[str, ...], seeds: tuple[int, ...]) -> Sele
 
 def tasks(tmp_path: pathlib.Path) -> list[Task]:
     selection = select("hallway", ("ah-ch", "ab-cb"), (0, 1))
-    return selection.tasks(selection.wanted(), Store(tmp_path), "cpu")
+    return selection.tasks(selection.requests(), Store(tmp_path), "cpu")
 
 
 def show(tmp_path: pathlib.Path, *, terminal: bool) -> str:
@@ -59,6 +59,9 @@ def test_bars_in_a_terminal(tmp_path: pathlib.Path) -> None:
 
 def test_everything_is_missing_in_an_empty_store(tmp_path: pathlib.Path) -> None:
     selection = select("top-plate", ("ah-ch",), (0,))
-    found = statuses(selection.wanted(), Store(tmp_path))
-    assert [status.wanted.run for status in found] == ["top-plate/ah-ch/seed-0", "top-plate/random/clean"]
+    found = statuses(selection.requests(), Store(tmp_path))
+    assert [str(status.request.id) for status in found] == [
+        "top-plate/ah-ch/seed-0",
+        "top-plate/random/clean",
+    ]
     assert {status.state for status in found} == {State.MISSING}

@@ -17,7 +17,7 @@ from benchmarks.events import Advanced, Finished, Started
 from benchmarks.executors import streams
 from benchmarks.executors.streams import run_tasks
 from benchmarks.plan import Selection
-from benchmarks.tasks import CellTask, Task, Tools
+from benchmarks.tasks import CellTask, Task, Work
 from bgn.results.store import Store
 from bgn.training.trainer import train_cell
 from tests.benchmarks import fakes
@@ -25,7 +25,7 @@ from tests.benchmarks import fakes
 
 def tasks(results: pathlib.Path, agents: Sequence[str]) -> list[Task]:
     selection = Selection(registry.load(), "smoke", "authors-code", ("top-plate",), tuple(agents), (), (0, 1))
-    return selection.tasks(selection.wanted(), Store(results), "cpu")
+    return selection.tasks(selection.requests(), Store(results), "cpu")
 
 
 @pytest.fixture
@@ -38,7 +38,7 @@ def one_thread() -> Iterator[None]:
 
 def test_every_task_starts_advances_and_finishes(tmp_path: pathlib.Path) -> None:
     work = tasks(tmp_path, ("ah-ch", "ab-cb", "ah-cb"))
-    events = list(run_tasks(work, jobs=2, tools=fakes.WORKING))
+    events = list(run_tasks(work, jobs=2, work=fakes.WORKING))
     for task in work:
         own = [type(event) for event in events if event.task is task]
         assert own == [Started, Advanced, Advanced, Finished]
@@ -47,14 +47,14 @@ def test_every_task_starts_advances_and_finishes(tmp_path: pathlib.Path) -> None
 
 
 def test_no_tasks_are_done_at_once() -> None:
-    assert list(run_tasks([], jobs=2, tools=fakes.WORKING)) == []
+    assert list(run_tasks([], jobs=2, work=fakes.WORKING)) == []
 
 
 def test_a_failure_is_a_row_and_the_rest_goes_on(tmp_path: pathlib.Path) -> None:
     work = tasks(tmp_path, (fakes.FAILING_AGENT, "ah-ch"))
     failures = {
         event.task.name: event.failure
-        for event in run_tasks(work, jobs=1, tools=fakes.BREAKING)
+        for event in run_tasks(work, jobs=1, work=fakes.BREAKING)
         if isinstance(event, Finished)
     }
     assert failures["top-plate/ah-ch"] is None
@@ -67,7 +67,7 @@ def test_a_failure_is_a_row_and_the_rest_goes_on(tmp_path: pathlib.Path) -> None
 def test_closing_stops_the_threads_and_keeps_checkpoints(tmp_path: pathlib.Path) -> None:
     work = tasks(tmp_path, ("ah-ch", "ab-cb"))
     before = threading.active_count()
-    with contextlib.closing(run_tasks(work, jobs=2, tools=fakes.HANGING)) as events:
+    with contextlib.closing(run_tasks(work, jobs=2, work=fakes.HANGING)) as events:
         advanced = {
             event.task.name for event in (next(events) for _ in range(20)) if isinstance(event, Advanced)
         }
@@ -76,11 +76,11 @@ def test_closing_stops_the_threads_and_keeps_checkpoints(tmp_path: pathlib.Path)
     assert Store(tmp_path).read("runs").empty  # nothing failed: it was stopped
     assert all(isinstance(task, CellTask) for task in work)
     # The fake finishes at once where there is a checkpoint.
-    list(run_tasks(work, jobs=2, tools=fakes.HANGING))
+    list(run_tasks(work, jobs=2, work=fakes.HANGING))
     assert set(Store(tmp_path).read("runs")["status"]) == {"ok"}
 
 
-def test_what_is_no_failure_of_a_task_ends_the_run(
+def test_what_is_not_a_failure_of_a_task_ends_the_run(
     tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def out_of_space(*_: object) -> None:
@@ -88,13 +88,13 @@ def test_what_is_no_failure_of_a_task_ends_the_run(
 
     monkeypatch.setattr(streams, "execute", out_of_space)
     with pytest.raises(OSError, match="no space left"):
-        list(run_tasks(tasks(tmp_path, ("ah-ch", "ab-cb")), jobs=1, tools=fakes.WORKING))
+        list(run_tasks(tasks(tmp_path, ("ah-ch", "ab-cb")), jobs=1, work=fakes.WORKING))
 
 
 @pytest.mark.usefixtures("one_thread")
 def test_cells_side_by_side_train_as_alone(tmp_path: pathlib.Path) -> None:
     work = tasks(tmp_path, ("ah-ch+bgn", "ab-cb"))
-    list(run_tasks(work, jobs=2, tools=Tools()))
+    list(run_tasks(work, jobs=2, work=Work()))
     curves = Store(tmp_path).read("curves")
     for task in work:
         assert isinstance(task, CellTask)
@@ -109,7 +109,7 @@ def test_the_gpu_gets_cells_and_the_cpu_the_planners(
 ) -> None:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     chosen = ["--budget", "smoke", "--domain", "top-plate", "--device", "cuda", "--jobs", "3"]
-    assert main(["run", "--results", str(tmp_path), *chosen], tools=fakes.WORKING) == 0
+    assert main(["run", "--results", str(tmp_path), *chosen], work=fakes.WORKING) == 0
     store = Store(tmp_path / "smoke" / registry.load().defaults.preset)
     assert set(store.read("runs")["device"]) == {"cuda"}
     assert len(store.read("runs")) == 12
@@ -120,6 +120,6 @@ def test_a_missing_gpu_is_said_before_anything_runs(
     tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    assert main(["run", "--results", str(tmp_path), "--device", "cuda"], tools=fakes.WORKING) == 2
+    assert main(["run", "--results", str(tmp_path), "--device", "cuda"], work=fakes.WORKING) == 2
     assert "--device cuda: torch" in capsys.readouterr().err
     assert not any(tmp_path.iterdir())
