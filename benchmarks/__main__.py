@@ -7,7 +7,7 @@ import contextlib
 import os
 import pathlib
 import sys
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Mapping, Sequence
 
 from rich.console import Console
 
@@ -22,6 +22,7 @@ from bgn.errors import BgnError
 from bgn.results.store import StoreError
 
 _FAILED, _USAGE, _INTERRUPTED = 1, 2, 130
+_FORMS: Mapping[str, report.Form] = {"md": "markdown", "csv": "csv", "html": "html", "latex": "latex"}
 
 
 class DeviceError(BgnError, RuntimeError):
@@ -99,7 +100,8 @@ def _show_status(selection: Selection, options: argparse.Namespace, console: Con
 
 
 def _show_tables(selection: Selection, options: argparse.Namespace, console: Console) -> int:
-    report.show_tables(selection, selection.store(options.results), console)
+    store = selection.store(options.results)
+    report.show_tables(selection, store, console, everything=options.all, form=_FORMS.get(options.format))
     return 0
 
 
@@ -127,6 +129,10 @@ def _parser(benchmark: Registry) -> argparse.ArgumentParser:
     status = commands.add_parser("status", help="say which runs are done, older, failed or missing")
     tables = commands.add_parser("tables", help="print and write the tables of everything stored")
     tables.set_defaults(domain=None, agent=None, reference=None, seeds=None)
+    tables.add_argument(
+        "--all", action="store_true", help="also what the verdicts rest on and every other metric"
+    )
+    tables.add_argument("--format", choices=tuple(_FORMS), help="print for another program")
     for command in (run, status, tables):
         _add_store(command, benchmark)
     for command in (run, status):

@@ -24,7 +24,7 @@ Strata = Mapping[str, ArrayLike]
 
 DRAWS = 2000
 SEED = 0
-#: Share of the way from the lower reference row to the upper one that counts as learnt.
+#: Share of the upper reference row's return that counts as learnt.
 LEARNT = 0.9
 #: Episodes behind a point of a curve; before that its mean is over the few that happened to end soonest.
 WINDOW = 100

@@ -99,7 +99,7 @@ class Better:
         return tuple(itertools.product(self.domains, (*self.higher, *self.lower)))
 
     def judge(self, scores: Scores) -> Finding:
-        """Run one-sided Welch tests on all pairs; being as good within the tolerance contradicts."""
+        """Run one-sided Welch tests on all pairs; to be worse, or as good within the tolerance, contradicts."""
         groups = itertools.product(self.domains, self.higher, self.lower)
         pairs = [((domain, a), (domain, b)) for domain, a, b in groups]
         ready = _ready(scores, pairs)
@@ -107,8 +107,9 @@ class Better:
         worse = [welch_p(*samples, tail="less") for samples in _samples(scores, ready)]
         equal = _equivalences(scores, ready)
         against = np.fmin(holm(worse, family=len(pairs)), holm(equal, family=len(pairs)))
-        counts = f"{sum(p < SIGNIFICANCE for p in p_better)} of {len(pairs)} comparisons significant"
-        refuted = int(np.sum(against < SIGNIFICANCE))
+        better = np.array(p_better) < SIGNIFICANCE  # if by little: what is better is not contradicted
+        counts = f"{better.sum()} of {len(pairs)} comparisons significant"
+        refuted = int(np.sum((against < SIGNIFICANCE) & ~better))
         text = counts + (f", {refuted} contradict" if refuted else "")
         return _conclude(scores, self.cells, p_better, refuted > 0, len(pairs), text)
 
@@ -503,11 +504,11 @@ def success_interval(scores: Scores, cell: Cell) -> tuple[float, float]:
 
 
 def learning_steps(scores: Scores, cell: Cell, share: float = aggregate.LEARNT) -> list[float]:
-    """Return, for each run of a cell, the steps to a share of the upper reference row."""
+    """Return, for each run of a cell, the steps to a share of what the upper reference row earns."""
     scale = scores.scale(cell[0])
     if scale is None:
         return []
-    level, column = scale.level(share), scores.curve_column(cell[0])
+    level, column = share * scale.upper, scores.curve_column(cell[0])
     return [aggregate.steps_to(curve, column, level) for curve in scores.cell_curves(cell)]
 
 

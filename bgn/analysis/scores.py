@@ -35,10 +35,6 @@ class Scale:
         """Return (return - lower) / (upper - lower)."""
         return (returns - self.lower) / (self.upper - self.lower)
 
-    def level(self, share: float) -> float:
-        """Return the return that is ``share`` of the way up."""
-        return self.lower + share * (self.upper - self.lower)
-
 
 @dataclass(frozen=True)
 class Scores:
@@ -114,6 +110,8 @@ class Scores:
 
         ``upper_start`` opens the upper row's episodes in another way, as the paper's table does with ``clean``.
         """
+        if domain not in self._domains:
+            return None
         family = self._domains[domain].family
         start = HIDDEN if family == "classic" else CLEAN
         upper = self.reference(domain, UPPER[family], upper_start or start)
@@ -131,9 +129,17 @@ class Scores:
         scale = self.scale(cell[0], upper_start=upper_start)
         return np.empty(0) if scale is None else scale.normalise(self.values(cell))
 
+    def shares(self, cell: Cell) -> Array:
+        """Return a cell's values as shares of the best reference's, episodes opening alike; empty where it is not stored.
+
+        Unlike Table 8, which normalises by Random as well: RockSample's -62 would press all agents into .85 to 1.
+        """
+        scale = self.scale(cell[0])
+        return np.empty(0) if scale is None else self.values(cell) / scale.upper
+
     def strata(self, agent: str, family: str) -> dict[str, Array]:
-        """Return an agent's normalised values by domain of a family, where it has any."""
-        found = {d.id: self.normalised((d.id, agent)) for d in self.domains if d.family == family}
+        """Return an agent's shares of the best by domain of a family, where it has any."""
+        found = {d.id: self.shares((d.id, agent)) for d in self.domains if d.family == family}
         return {domain: values for domain, values in found.items() if len(values)}
 
     def cell_curves(self, cell: Cell) -> list[pd.DataFrame]:

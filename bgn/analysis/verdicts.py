@@ -43,7 +43,7 @@ class Verdict(enum.Enum):
     FALLS_SHORT = "not reproduced: falls short"
     INCONCLUSIVE = "inconclusive"
     SHORT = "short"
-    """The runs are shorter than the paper's horizon."""
+    """The runs are shorter than the paper's."""
     TOO_FEW_RUNS = "too few runs"
     NO_REFERENCE = "no reference"
 
