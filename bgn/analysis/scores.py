@@ -130,7 +130,7 @@ class Scores:
         return np.empty(0) if scale is None else scale.normalise(self.values(cell))
 
     def shares(self, cell: Cell) -> Array:
-        """Return a cell's values as shares of the best reference's, episodes opening alike; empty where it is not stored.
+        """Return a cell's values as shares of the best reference's, episodes opening alike (empty without one).
 
         Unlike Table 8, which normalises by Random as well: RockSample's -62 would press all agents into .85 to 1.
         """

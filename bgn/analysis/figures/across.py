@@ -151,8 +151,10 @@ def belief_against_score(scores: Scores, titles: Mapping[str, str]) -> Figure:
                 )
         axes.set_xscale("log")
         axes.set_xlim(8e-5, 10)
+        if domain.family == "robot":
+            axes.set_ylim(-0.03, 1.06)
         quantity = "return" if domain.family == "classic" else "success rate"
-        style.plain(axes, domain.title, "KL(b ‖ b̂), nats", quantity)
+        style.plain(axes, domain.title, r"KL$(b\,\Vert\,\hat{b})$, nats", quantity)
     style.legend(figure, panels)
     style.caption(
         figure,
@@ -172,31 +174,31 @@ def openings(scores: Scores, titles: Mapping[str, str], policies: Mapping[str, s
         return style.nothing("No reference rows of classic domains are stored.")
     figure, panels = style.panels(len(domains), columns=4, panel=(2.9, 2.6))
     for axes, domain in zip(panels, domains, strict=True):
-        _opening_lines(axes, scores, domain, policies)
+        _opening_lines(axes, scores, domain, titles, policies)
         style.plain(axes, domain.title, "", "return")
-        axes.set_xticks([0, 1], ["clean start", "hidden first\naction"])
-        axes.set_xlim(-0.25, 1.9)
+        axes.set_xticks([0, 1, 2], ["clean start", "hidden first\naction", "the paper's\nagents"])
+        axes.set_xlim(-0.3, 2.4)
+    style.legend(figure, panels)
     style.caption(
-        figure,
-        "What the same policy is worth under either opening; right of it the paper's agents (Table 7).",
+        figure, "What the same policy is worth under either opening, beside the paper's agents (Table 7)."
     )
     return figure
 
 
 def cost(scores: Scores, titles: Mapping[str, str]) -> Figure:
-    """Return CPU minutes per run and training steps per second, by domain and agent."""
+    """Return CPU seconds per run and training steps per second, by domain and agent."""
     runs = scores.runs
     if runs.empty:
         return style.nothing(_NONE)
     domains = [domain for domain in scores.domains if domain.id in set(runs["domain"])]
-    figure, (minutes, speed) = style.panels(2, columns=2, panel=(5.2, 0.5 + 0.42 * len(domains)))
-    for axes, column, scale in ((minutes, "cpu_seconds", 1 / 60), (speed, "env_steps_per_second", 1.0)):
+    figure, (seconds, speed) = style.panels(2, columns=2, panel=(5.2, 0.5 + 0.42 * len(domains)))
+    for axes, column in ((seconds, "cpu_seconds"), (speed, "env_steps_per_second")):
         for row, domain in enumerate(domains):
             for agent in titles:
                 cell = scores.cell_runs((domain.id, agent))
                 if len(cell):
                     axes.plot(
-                        cell[column].mean() * scale,
+                        cell[column].mean(),
                         row,
                         marker=style.MARKERS.get(agent, "o"),
                         color=style.colour(agent, tuple(titles)),
@@ -205,12 +207,12 @@ def cost(scores: Scores, titles: Mapping[str, str]) -> Figure:
                         markersize=6,
                         markeredgecolor="white",
                     )
-        axes.set_xscale("log")
+        style.logarithmic(axes)
         axes.set_ylim(len(domains) - 0.5, -0.5)
         axes.set_yticks(range(len(domains)), [domain.title for domain in domains])
-    style.plain(minutes, "Cost of a run", "CPU minutes (its share of its stack)")
+    style.plain(seconds, "Cost of a run", "CPU seconds (its share of its stack)")
     style.plain(speed, "Speed of a stack", "environment steps per second, all its runs")
-    style.legend(figure, [minutes])
+    style.legend(figure, [seconds])
     return figure
 
 
@@ -249,22 +251,27 @@ def _reference_lines(axes: Axes, scores: Scores, domain: DomainRow) -> None:
         )
 
 
-def _opening_lines(axes: Axes, scores: Scores, domain: DomainRow, policies: Mapping[str, str]) -> None:
+def _opening_lines(
+    axes: Axes, scores: Scores, domain: DomainRow, titles: Mapping[str, str], policies: Mapping[str, str]
+) -> None:
     for policy in ("sarsop", "qmdp", "drive-east"):
         rows = [scores.reference(domain.id, policy, opening) for opening in (CLEAN, HIDDEN)]
         if all(row is not None for row in rows):
             values = [float(row["return"]) for row in rows if row is not None]
             axes.plot([0, 1], values, color=style.INK, marker="o", markersize=4, linewidth=1.2)
-            axes.text(
-                -0.06, values[0], policies[policy], ha="right", va="center", fontsize=7, color=style.INK
+            axes.annotate(
+                policies[policy],
+                (0, values[0]),
+                (2, 4),
+                textcoords="offset points",
+                fontsize=7,
+                color=style.INK,
             )
-    axes.set_xlim(-0.7, 1.9)
     for agent in paper.AGENTS:
         printed = paper.RETURNS.get((domain.id, agent))
         if printed:
-            axes.plot(
-                1.35, printed.mean, marker=style.MARKERS[agent], color=style.COLOURS[agent], markersize=5
-            )
+            look = {"marker": style.MARKERS[agent], "color": style.COLOURS[agent], "linestyle": "none"}
+            axes.plot(2, printed.mean, markersize=6, label=titles.get(agent, agent), **look)  # type: ignore[arg-type]
 
 
 def _count(scores: Scores, titles: Mapping[str, str], family: str) -> int:

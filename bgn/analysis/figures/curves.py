@@ -8,14 +8,16 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import EngFormatter
+from matplotlib.lines import Line2D
 
-from bgn.analysis.aggregate import WINDOW
+from bgn.analysis.aggregate import WINDOW, Array
 from bgn.analysis.cells import DomainRow
 from bgn.analysis.figures import style
 from bgn.analysis.scores import UPPER, Scores
 from bgn.results.schema import CLEAN
 
+BOTTOM = -10.0
+"""Of the picture of RockSample, whose untrained returns of -60 would press the rest together."""
 POINTS = 160
 """Of the common grid of environment steps."""
 _SHADE = "shaded: ±1 standard deviation over runs"
@@ -34,12 +36,11 @@ def training_curves(scores: Scores, titles: Mapping[str, str]) -> Figure:
     for axes, domain in zip(panels, domains, strict=True):
         _draw(axes, scores, domain, tuple(titles), titles, "return_100")
         _levels(axes, scores, domain)
-        # Random's level, far below in RockSample, is named and not drawn: it would press the curves together.
         _include_random(axes, scores, domain)
         style.plain(
             axes, f"{domain.title}  {_n(scores, domain)}", "environment steps", "return, last 100 episodes"
         )
-        _log_steps(axes)
+        style.logarithmic(axes)
     style.legend(figure, panels)
     style.caption(figure, f"Mean discounted return of the last {WINDOW} training episodes; {_SHADE}.")
     return figure
@@ -58,7 +59,7 @@ def success_curves(scores: Scores, titles: Mapping[str, str], agents: Sequence[s
         style.plain(
             axes, f"{domain.title}  {_n(scores, domain)}", "environment steps", "success, last 100 episodes"
         )
-        _log_steps(axes)
+        style.logarithmic(axes)
     style.legend(figure, panels)
     style.caption(figure, f"Success in the last {WINDOW} training episodes; {_SHADE}, clipped to [0, 1].")
     return figure
@@ -73,8 +74,8 @@ def belief_losses(scores: Scores, titles: Mapping[str, str]) -> Figure:
     figure, panels = style.panels(len(domains), columns=4)
     for axes, domain in zip(panels, domains, strict=True):
         _draw(axes, scores, domain, grounded, titles, "belief_cross_entropy", within=(0.0, np.inf))
-        style.plain(axes, domain.title, "environment steps", "H(b, b̂), nats")
-        _log_steps(axes)
+        style.plain(axes, domain.title, "environment steps", r"$H(b, \hat{b})$, nats")
+        style.logarithmic(axes)
         axes.set_ylim(bottom=0)
     style.legend(figure, panels)
     style.caption(
@@ -151,7 +152,10 @@ def _include_random(axes: Axes, scores: Scores, domain: DomainRow) -> None:
         return
     level, (low, high) = float(random["return"]), axes.get_ylim()
     if domain.id.startswith("rocksample") or level < low - (high - low):
-        axes.set_ylim(bottom=max(low, -30.0))
+        axes.set_ylim(bottom=max(low, BOTTOM))
+        above = [steps[0] for line in axes.lines if len(steps := _steps_above(line, BOTTOM)) > 1]
+        if above:
+            axes.set_xlim(left=0.9 * min(above))
         axes.text(
             0.98,
             0.03,
@@ -165,15 +169,15 @@ def _include_random(axes: Axes, scores: Scores, domain: DomainRow) -> None:
         axes.axhline(level, color=style.MUTED, linestyle=(0, (1, 3)), linewidth=1, label="Random")
 
 
+def _steps_above(line: Line2D, level: float) -> Array:
+    steps, values = (np.asarray(data, dtype=float) for data in line.get_data())
+    found: Array = steps[values > level] if len(steps) > 2 else steps[:0]
+    return found
+
+
 def _n(scores: Scores, domain: DomainRow) -> str:
     """Return how many runs each agent has, as ``n = 3`` or ``n = 3 to 10``."""
     counts = [n for agent in set(scores.runs["agent"]) if (n := len(scores.cell_runs((domain.id, agent))))]
     if not counts:
         return ""
     return f"n = {min(counts)}" if min(counts) == max(counts) else f"n = {min(counts)} to {max(counts)}"
-
-
-def _log_steps(axes: Axes) -> None:
-    axes.set_xscale("log")
-    axes.xaxis.set_major_formatter(EngFormatter(sep=""))
-    axes.xaxis.set_minor_formatter(lambda *_: "")

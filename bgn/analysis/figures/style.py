@@ -14,6 +14,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import EngFormatter, LogLocator, NullFormatter
 
 #: Colours of Okabe and Ito, one per agent of the paper; grounded agents are warm.
 COLOURS: Final = {
@@ -40,6 +41,7 @@ MUTED: Final = "#6b7280"
 RULE: Final = "#d5d8de"
 GROUNDED_WIDTH, PLAIN_WIDTH = 2.0, 1.3
 
+_ENTRY_INCHES: Final = 1.5
 PANEL_INCHES: Final = (3.5, 2.6)
 DOTS_PER_INCH: Final = 120
 
@@ -89,7 +91,7 @@ def plain(axes: Axes, title: str = "", x: str = "", y: str = "") -> None:
     axes.set_axisbelow(True)
 
 
-def legend(figure: Figure, axes: Sequence[Axes], columns: int = 6) -> None:
+def legend(figure: Figure, axes: Sequence[Axes]) -> None:
     """Put one legend of all panels below them, every label once."""
     entries: dict[str, Artist] = {}
     for panel in axes:
@@ -100,7 +102,7 @@ def legend(figure: Figure, axes: Sequence[Axes], columns: int = 6) -> None:
             list(entries.values()),
             list(entries),
             loc="outside lower center",
-            ncols=min(columns, len(entries)),
+            ncols=max(1, min(len(entries), int(figure.get_figwidth() / _ENTRY_INCHES))),
             frameon=False,
             fontsize=8,
             handlelength=2.6,
@@ -110,6 +112,16 @@ def legend(figure: Figure, axes: Sequence[Axes], columns: int = 6) -> None:
 def caption(figure: Figure, text: str) -> None:
     """Say, small and above all panels, what is drawn."""
     figure.suptitle(text, fontsize=8.5, color=MUTED, x=0.01, ha="left")
+
+
+def logarithmic(axes: Axes) -> None:
+    """Make the horizontal axis logarithmic, its ticks plain numbers with units of thousands and millions."""
+    axes.set_xscale("log")
+    axes.xaxis.set_major_formatter(EngFormatter(sep=""))
+    low, high = axes.get_xlim()
+    if high < 30 * low:
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_minor_formatter(NullFormatter())
 
 
 def nothing(text: str) -> Figure:
