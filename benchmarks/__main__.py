@@ -33,7 +33,7 @@ def main(arguments: Sequence[str] | None = None, *, work: Work = Work()) -> int:
     """Run a command; return its exit status."""
     console = Console() if sys.stdout.isatty() else Console(width=report.TABLE_WIDTH)
     try:
-        benchmark = registry.load()
+        benchmark = registry.load(_registry_path(arguments))
         options = _parser(benchmark).parse_args(arguments)
         selection = _select(benchmark, options)
         if options.command == "run":
@@ -113,12 +113,30 @@ def _select(benchmark: Registry, options: argparse.Namespace) -> Selection:
         registry=benchmark,
         budget=options.budget,
         preset=options.preset,
-        domains=benchmark.select("domain", options.domain),
+        domains=benchmark.select_domains(options.domain, budget=options.budget),
         agents=() if only_references and not only_agents else benchmark.select("agent", options.agent),
         references=(
             () if only_agents and not only_references else benchmark.select("reference", options.reference)
         ),
         seeds=options.seeds or tuple(range(budget.seeds)),
+    )
+
+
+def _registry_path(arguments: Sequence[str] | None) -> pathlib.Path:
+    """Return the file that ``--registry`` names: it says which names the other options may hold."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", add_help=False, allow_abbrev=False)
+    _add_registry(parser)
+    path: pathlib.Path = parser.parse_known_args(arguments)[0].registry
+    return path
+
+
+def _add_registry(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--registry",
+        type=pathlib.Path,
+        metavar="FILE",
+        default=registry.DEFAULT_PATH,
+        help='another registry; with `extends = "shipped"` it adds to the one that is shipped',
     )
 
 
@@ -143,6 +161,7 @@ def _parser(benchmark: Registry) -> argparse.ArgumentParser:
 
 
 def _add_store(command: argparse.ArgumentParser, benchmark: Registry) -> None:
+    _add_registry(command)
     for kind in ("budget", "preset"):
         default, known = getattr(benchmark.defaults, kind), ", ".join(getattr(benchmark, kind + "s"))
         command.add_argument(f"--{kind}", default=default, help=f"{known} (default: {default})")

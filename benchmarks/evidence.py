@@ -42,13 +42,19 @@ class EvidenceError(BgnError, LookupError):
     """What was asked for is not stored; the message says what is."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class StoredEvidence(Evidence):
     """The finished results of one budget and preset, with their curves and policies."""
 
     budget: str
     preset: str
     store: Store
+
+    def __repr__(self) -> str:
+        return (
+            f"<evidence of {self.budget}/{self.preset} in {self.store.root}: {len(self.runs)} runs of "
+            f"{len(self.cells)} cells, {len(self.references)} reference rows, {len(self.policies())} policies>"
+        )
 
     @cached_property
     def curves(self) -> pd.DataFrame:
@@ -143,7 +149,7 @@ def gather(registry: Registry, budget: str, preset: str, store: Store) -> Stored
         registry=registry,
         budget=budget,
         preset=preset,
-        domains=named_domains,
+        domains=_present(registry.budget(budget).env_steps, named_domains),
         agents=named_agents,
         references=_present(registry.references, references["reference"]),
         seeds=(0,),  # the key is that of the cell: the seed is no part of it
@@ -189,7 +195,7 @@ def domain_row(registry: Registry, domain_id: str) -> DomainRow:
         entry.tolerance,
         opening(domain),
         entry.authors_metric,
-        registry.budget(registry.defaults.judged_budget).env_steps[domain_id],
+        registry.horizon(domain_id),
     )
 
 

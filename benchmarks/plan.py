@@ -12,7 +12,7 @@ import pandas as pd
 from benchmarks.registry import Registry
 from benchmarks.tasks import CellTask, ReferenceSpec, ReferenceTask, Task
 from bgn import domains
-from bgn.domains import Domain
+from bgn.domains import Domain, from_file
 from bgn.results import provenance
 from bgn.results.provenance import Origin
 from bgn.results.run_ids import CellId, ReferenceId, RunId
@@ -133,6 +133,7 @@ class Selection:
                 preset=self.preset,
                 store=store.root,
                 cost=cost,
+                declared=from_file.declaration(spec.domain),
                 spec=spec,
             )
         weight = self.registry.domains[spec.domain].cost * self.registry.agents[spec.agent].cost
@@ -142,6 +143,7 @@ class Selection:
             preset=self.preset,
             store=store.root,
             cost=spec.env_steps * len(members) * weight,
+            declared=from_file.declaration(spec.domain),
             spec=spec,
             seeds=tuple(request.seed for request in members),
             device=device,

@@ -1,4 +1,8 @@
-"""Reads ``registry.toml`` and checks it; every name and number of the benchmark is looked up here."""
+"""Reads a registry and checks it; every name and number of the benchmark is looked up here.
+
+The one that is shipped is ``registry.toml``. Another either stands alone or begins with ``extends = "shipped"``:
+then it holds only what it adds or changes, key by key.
+"""
 
 from __future__ import annotations
 
@@ -6,15 +10,31 @@ import dataclasses
 import pathlib
 import tomllib
 from collections.abc import Iterable, Mapping
-from typing import Any, Literal, get_type_hints
+from typing import Annotated, Any, Literal, get_type_hints
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationError,
+    create_model,
+    model_validator,
+)
 
+from bgn import domains
+from bgn.agents import specs
 from bgn.agents.hyperparameters import Hyperparameters
+from bgn.domains import from_file
+from bgn.domains.from_file import FileDomain
 from bgn.errors import BgnError
+from bgn.results.run_ids import check_name
 from bgn.training.cell import CellSpec
 
 DEFAULT_PATH = pathlib.Path(__file__).with_name("registry.toml")
+SHIPPED = "shipped"
+"""What another registry extends."""
 
 Metric = Literal["greedy_return", "sampled_return", "train_return", "train_success", "sampled_success"]
 
@@ -42,24 +62,54 @@ class DomainEntry(_Entry):
     """Column that measures as the authors did, where that is another one (see benchmarks.authors_evaluation)."""
     tolerance: float = Field(gt=0)
     """δ of the equivalence test, in the metric's own unit."""
-    cost: float = Field(gt=0)
+    cost: float = Field(default=1.0, gt=0)
     """Seconds per environment step relative to the other domains."""
     physics: bool = False
     """Whether final policies are also run in MuJoCo physics."""
+    references: tuple[str, ...] = Field(default=(), strict=False)
+    """The policies that are not trained, to be evaluated on it."""
+
+
+class FileDomainEntry(DomainEntry):
+    """A domain that a .pomdp file defines, instead of a module of :mod:`bgn.domains`."""
+
+    file: str
+    """The .pomdp file, relative to the registry's."""
+    title: str | None = None
+    """What tables call it; None: its id."""
+    episode_limit: int = Field(ge=1)
+    """Steps after which an episode is cut."""
+    training_discount: float | None = Field(default=None, gt=0, le=1)
+    """γ of the returns that agents are trained on; None: the file's."""
+    report_discount: float | None = Field(default=None, gt=0, le=1)
+    """γ of the returns that tables report; None: the file's."""
+    hidden_first_action: bool = False
+    """Whether episodes of agents open with an unseen, uniformly random action."""
+
+
+def _kind_of_domain(entry: object) -> str:
+    from_file = "file" in entry if isinstance(entry, dict) else isinstance(entry, FileDomainEntry)
+    return _FILE if from_file else _MODULE
+
+
+_FILE, _MODULE = "<file>", "<module>"  # in angle brackets: pydantic puts them into an error's place
+_AnyDomainEntry = Annotated[
+    Annotated[FileDomainEntry, Tag(_FILE)] | Annotated[DomainEntry, Tag(_MODULE)],
+    Discriminator(_kind_of_domain),
+]
 
 
 class AgentEntry(_Entry):
-    """How the benchmark treats one agent."""
+    """How the benchmark treats one agent of :mod:`bgn.agents.specs`."""
 
-    cost: float = Field(gt=0)
+    cost: float = Field(default=1.0, gt=0)
     """Seconds per environment step relative to the other agents."""
 
 
 class ReferenceEntry(_Entry):
-    """A policy that is not trained, and the domains it is evaluated on."""
+    """A policy that is not trained (:mod:`bgn.planning.reference_rows`)."""
 
     title: str
-    domains: tuple[str, ...] = Field(strict=False)
 
 
 class Budget(_Entry):
@@ -72,7 +122,7 @@ class Budget(_Entry):
     reference_episodes: int = Field(ge=2)
     planning_seconds: float = Field(gt=0)
     env_steps: dict[str, int]
-    """Environment steps of a run, by domain id."""
+    """Environment steps of a run, by domain id; a domain that is left out is not part of the budget."""
 
 
 class Preset(_Entry):
@@ -95,15 +145,15 @@ class Defaults(_Entry):
 
     budget: str
     preset: str
-    judged_budget: str
+    judged_budget: str | None = None
     """The budget with the paper's horizons: shorter runs get no verdict."""
 
 
 class Registry(_Entry):
-    """The whole of ``registry.toml``."""
+    """A whole registry."""
 
     defaults: Defaults
-    domains: dict[str, DomainEntry]
+    domains: dict[str, _AnyDomainEntry]
     agents: dict[str, AgentEntry]
     references: dict[str, ReferenceEntry]
     budgets: dict[str, Budget]
@@ -119,14 +169,20 @@ class Registry(_Entry):
     def _names_agree(self) -> Registry:
         _known("defaults.budget", [self.defaults.budget], self.budgets)
         _known("defaults.preset", [self.defaults.preset], self.presets)
-        _known("defaults.judged_budget", [self.defaults.judged_budget], self.budgets)
-        for name, reference in self.references.items():
-            _known(f"references.{name}.domains", reference.domains, self.domains)
-            _unique(f"references.{name}.domains", reference.domains)
+        if self.defaults.judged_budget is not None:
+            _known("defaults.judged_budget", [self.defaults.judged_budget], self.budgets)
+        for kind in ("domains", "agents", "references"):
+            for name in getattr(self, kind):
+                check_name(name)
+        built = [name for name, entry in self.domains.items() if not isinstance(entry, FileDomainEntry)]
+        _known("domains", built, domains.ids(), "give a new one its `file`, or a module in bgn/domains")
+        _known("agents", self.agents, specs.AGENTS, "a new one is declared in bgn/agents/specs.py")
+        for name, entry in self.domains.items():
+            _known(f"domains.{name}.references", entry.references, self.references)
+            _unique(f"domains.{name}.references", entry.references)
         for name, budget in self.budgets.items():
             where = f"budgets.{name}.env_steps"
             _known(where, budget.env_steps, self.domains)
-            _complete(where, budget.env_steps, self.domains)
             for domain, steps in budget.env_steps.items():
                 _require(steps >= 1, f"{where}.{domain} is {steps}; a run needs at least 1 step")
         for name, preset in self.presets.items():
@@ -139,9 +195,9 @@ class Registry(_Entry):
         Raises
         ------
         RegistryError
-            A name is not in the registry; the message lists the known ones.
+            A name is not in the registry, or the domain not in the budget; the message lists the known ones.
         """
-        self.select("domain", [domain])
+        self.select_domains([domain], budget=budget)
         self.select("agent", [agent])
         chosen = self.budget(budget)
         self.select("preset", [preset])
@@ -154,14 +210,39 @@ class Registry(_Entry):
             physics_episodes=chosen.physics_episodes if self.domains[domain].physics else 0,
         )
 
+    def horizon(self, domain: str) -> int:
+        """Return the environment steps that a run needs to be judged against the paper (0: any run is)."""
+        judged = self.defaults.judged_budget
+        return 0 if judged is None else self.budgets[judged].env_steps.get(domain, 0)
+
     def applies(self, reference: str, domain: str) -> bool:
         """Say whether a reference policy is evaluated on a domain."""
-        return domain in self.references[reference].domains
+        return reference in self.domains[domain].references
 
     def budget(self, name: str) -> Budget:
         """Return the budget of that name, or raise :class:`RegistryError`."""
         self.select("budget", [name])
         return self.budgets[name]
+
+    def select_domains(self, names: Iterable[str] | None, *, budget: str) -> tuple[str, ...]:
+        """Return ``names`` in registry order (``None``: all that are part of the budget).
+
+        Raises
+        ------
+        RegistryError
+            A name is not in the registry, or not part of the budget.
+        """
+        steps = self.budget(budget).env_steps
+        if names is None:
+            return tuple(name for name in self.domains if name in steps)
+        chosen = self.select("domain", names)
+        for name in chosen:
+            if name not in steps:
+                raise RegistryError(
+                    f"budget {budget!r} does not include domain {name!r}; give it steps, "
+                    f"budgets.{budget}.env_steps.{name}, or choose of {', '.join(steps)}"
+                )
+        return chosen
 
     def select(
         self, kind: Literal["domain", "agent", "reference", "budget", "preset"], names: Iterable[str] | None
@@ -176,34 +257,83 @@ class Registry(_Entry):
         return tuple(name for name in known if name in wanted)
 
 
-def load(path: pathlib.Path = DEFAULT_PATH) -> Registry:
-    """Read and check a registry file.
+def load(path: str | pathlib.Path = DEFAULT_PATH) -> Registry:
+    """Read and check a registry file; domains from files become known to :func:`bgn.domains.get`.
 
     Raises
     ------
     RegistryError
-        The file is missing, is not TOML (duplicate ids included), or a key or value is wrong; the message
-        names the file, the key and what would be right.
+        The file is missing, is not TOML (duplicate ids included), or a key or value is wrong, a domain's file
+        too; the message names the file, the key and what would be right.
     """
+    path = pathlib.Path(path)
+    data = _read(path)
+    try:
+        registry = Registry.model_validate(data)
+    except ValidationError as error:
+        raise RegistryError(f"{path}: {_explain(error)}") from error
+    for name, entry in registry.domains.items():
+        if isinstance(entry, FileDomainEntry):
+            _declare(path, name, entry)
+    return registry
+
+
+def _read(path: pathlib.Path) -> dict[str, Any]:
+    """Return a registry's tables, what it extends included."""
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise RegistryError(f"{path}: cannot read the registry: {error.strerror}") from error
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise RegistryError(f"{path}: not valid TOML: {error}") from error
+    if "extends" not in data:
+        return data
+    base = data.pop("extends")
+    if base != SHIPPED:
+        raise RegistryError(f'{path}: extends: {base!r} is unknown; known: "{SHIPPED}"')
+    return _merged(_read(DEFAULT_PATH), data)
+
+
+def _merged(base: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return tables with others laid over them, key by key."""
+    merged = dict(base)
+    for key, value in changes.items():
+        below = merged.get(key)
+        merged[key] = _merged(below, value) if isinstance(below, dict) and isinstance(value, dict) else value
+    return merged
+
+
+def _declare(path: pathlib.Path, name: str, entry: FileDomainEntry) -> None:
+    """Read a domain's file and make it known."""
+    where, file = f"{path}: domains.{name}.file", path.parent / entry.file
     try:
-        return Registry.model_validate(data)
-    except ValidationError as error:
-        raise RegistryError(f"{path}: {_explain(error)}") from error
+        text = file.read_bytes().decode("utf-8-sig", errors="replace")
+        domain = FileDomain(
+            id=name,
+            title=entry.title or name,
+            source=str(file),
+            text=text,
+            episode_limit=entry.episode_limit,
+            training_discount=entry.training_discount,
+            report_discount=entry.report_discount,
+            hidden_first_action=entry.hidden_first_action,
+        )
+        from_file.declare(domain)
+    except OSError as error:
+        raise RegistryError(f"{where}: cannot read {file}: {error.strerror}") from error
+    except BgnError as error:
+        raise RegistryError(f"{where}: {error}") from error
 
 
 def _explain(error: ValidationError) -> str:
     lines = []
     for problem in error.errors():
-        key = ".".join(str(part) for part in problem["loc"])
+        key = ".".join(str(part) for part in problem["loc"] if part not in (_FILE, _MODULE))
         message = problem["msg"].removeprefix("Value error, ")
         if problem["type"] == "extra_forbidden":
-            message = "unknown key"
+            name = problem["loc"][-1]
+            of_files = name in FileDomainEntry.model_fields and _MODULE in problem["loc"]
+            message = "only for a domain with a `file`" if of_files else "unknown key"
         lines.append(f"{key}: {message}" if key else message)
     return "; ".join(lines)
 
@@ -235,10 +365,11 @@ def _inherited(name: str, presets: Mapping[str, Any], heirs: tuple[str, ...] = (
     return {**preset, "all": {**base.get("all", {}), **preset.get("all", {})}, "domains": domains}
 
 
-def _known(where: str, names: Iterable[str], known: Iterable[str]) -> None:
+def _known(where: str, names: Iterable[str], known: Iterable[str], advice: str = "") -> None:
     known = tuple(known)
     for name in names:
-        _require(name in known, f"{where}: unknown {name!r}; known: {', '.join(known)}")
+        hint = f" ({advice})" if advice else ""
+        _require(name in known, f"{where}: unknown {name!r}; known: {', '.join(known)}{hint}")
 
 
 def _unique(where: str, names: Iterable[str]) -> None:

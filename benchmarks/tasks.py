@@ -9,6 +9,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
 
+from bgn.domains import from_file
+from bgn.domains.from_file import FileDomain
 from bgn.results import provenance, schema
 from bgn.results.provenance import Origin
 from bgn.results.run_ids import CellId, ReferenceId, RunId
@@ -104,6 +106,8 @@ class _Task:
     store: pathlib.Path
     cost: float
     """Estimated work, in environment steps of the cheapest kind."""
+    declared: FileDomain | None = None
+    """The domain where a file defines it: a worker process knows only those that modules build."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,6 +169,8 @@ def execute(task: Task, work: Work, on_progress: ProgressListener) -> Failure | 
     """Do a task and store what it yields; a failure is stored, and returned, not raised."""
     started_at = now()
     try:
+        if task.declared is not None:
+            from_file.declare(task.declared)
         if isinstance(task, CellTask):
             _train(task, work, started_at, on_progress)
         else:

@@ -127,7 +127,8 @@ def normalised_returns(evidence: Evidence) -> TextTable:
     rows = []
     for domain in evidence.family("classic"):
         title = domain.title
-        for convention, label in (("paper's", ""), ("consistent", ", alike")):
+        labels = {"paper's": "", "consistent": ", alike"} if domain.opening == HIDDEN else {"paper's": ""}
+        for convention, label in labels.items():
             for source in ("ours", "paper"):
                 chosen = frame[
                     (frame["domain"] == domain.id)
@@ -159,8 +160,8 @@ def normalised_frame(evidence: Evidence) -> pd.DataFrame:
     columns = ["domain", "agent", "source", "convention", "mean", "sd", "sarsop", "random", "borrowed"]
     rows: list[list[str | float | bool]] = []
     for domain in evidence.family("classic"):
-        for convention, best_start in (("paper's", CLEAN), ("consistent", HIDDEN)):
-            ours = _scale(evidence, domain.id, best_start)
+        for convention, best_opening in (("paper's", CLEAN), ("consistent", domain.opening)):
+            ours = _scale(evidence, domain, best_opening)
             # Under its own convention, the paper's row is the paper's alone, as it would have printed it.
             theirs = _printed_scale(domain.id) if convention == "paper's" else ours
             for agent in evidence.agent_titles:
@@ -321,14 +322,16 @@ def _over_runs(evidence: Evidence, domain: str, agent: str, column: str, digits:
     return plus_minus(float(values.mean()), float(values.std(ddof=0)), digits) if len(values) else BLANK
 
 
-def _scale(evidence: Evidence, domain: str, best_start: str) -> tuple[float, float, bool]:
+def _scale(evidence: Evidence, domain: DomainRow, best_opening: str) -> tuple[float, float, bool]:
     """Return SARSOP's and Random's returns, and whether one had to be borrowed from the paper."""
-    best = evidence.reference(domain, "sarsop", best_start)
-    worst = evidence.reference(domain, "random", HIDDEN)
-    printed_best, printed_worst, _ = _printed_scale(domain)
-    if best is None and best_start == HIDDEN:
+    best = evidence.reference(domain.id, "sarsop", best_opening)
+    worst = evidence.reference(domain.id, "random", domain.opening)
+    printed_best, printed_worst, _ = _printed_scale(domain.id)
+    if best_opening == HIDDEN:
         printed_best = math.nan  # the paper has no SARSOP under this convention
-    borrowed = worst is None or (best is None and best_start == CLEAN)
+    borrowed = (best is None and not math.isnan(printed_best)) or (
+        worst is None and not math.isnan(printed_worst)
+    )
     return (
         printed_best if best is None else float(best["return"]),
         printed_worst if worst is None else float(worst["return"]),

@@ -2,8 +2,9 @@
 
 Episode semantics, as in the paper's experiments (authors' code):
 
-- ``reset`` draws s from the start distribution and takes one hidden, uniformly random action, whose reward
-  is dropped. The first observation is what that action showed; ``info["last_action"]`` is the action.
+- ``reset`` draws s from the start distribution and, in the paper's domains, takes one hidden, uniformly random
+  action, whose reward is dropped. The first observation is what that action showed; ``info["last_action"]`` is
+  the action.
   With ``hidden_first_action=False`` an episode starts clean: the first observation is the extra index |Ω|,
   "none yet", and the last action is the extra index |A|.
 - Reaching the goal, or RockSample's terminal state, does not end the episode; the next action does,
@@ -45,7 +46,8 @@ class TableEnvironment(gymnasium.Env[np.int64, np.int64]):
     domain_id
         Its name in ``bgn.domains``.
     hidden_first_action
-        Open every episode with an unseen random action; see the module's description.
+        Open every episode with an unseen random action; see the module's description. None: as the domain's
+        agents see it.
     render_mode
         ``"ansi"`` (a text) or ``"rgb_array"`` (a picture).
     """
@@ -53,7 +55,7 @@ class TableEnvironment(gymnasium.Env[np.int64, np.int64]):
     metadata = {"render_modes": ["ansi", "rgb_array"], "render_fps": 2}  # noqa: RUF012  (Gymnasium's declaration)
 
     def __init__(
-        self, domain_id: str, *, hidden_first_action: bool = True, render_mode: str | None = None
+        self, domain_id: str, *, hidden_first_action: bool | None = None, render_mode: str | None = None
     ) -> None:
         domain = registry.get(domain_id)
         if domain.model.n_observed != 1:
@@ -61,10 +63,12 @@ class TableEnvironment(gymnasium.Env[np.int64, np.int64]):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InputError(f"no render mode {render_mode!r}; expected 'ansi' or 'rgb_array'")
         self.domain = domain
-        self.hidden_first_action = hidden_first_action
+        self.hidden_first_action = (
+            domain.hidden_first_action if hidden_first_action is None else hidden_first_action
+        )
         self.render_mode = render_mode
         self._model = domain.model.joint
-        unseen = 0 if hidden_first_action else 1
+        unseen = 0 if self.hidden_first_action else 1
         self.observation_space = spaces.Discrete(self._model.n_observations + unseen)
         self.action_space = spaces.Discrete(self._model.n_actions)
         self._going = False

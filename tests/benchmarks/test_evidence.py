@@ -37,6 +37,7 @@ def test_frames_hold_what_was_run(stored: StoredEvidence) -> None:
     assert stored.cells["mean"].tolist() == pytest.approx([0.505, 0.505])
     assert set(stored.cells["verdict"]) <= {verdict.value for verdict in Verdict}
     assert len(stored.runs) == 4
+    assert "4 runs of 2 cells, 2 reference rows, 4 policies" in repr(stored)
     assert not stored.runs["older"].any()
     assert set(stored.references["convention"]) == {"clean", "hidden-first-action"}
     curve = stored.curves[stored.curves["run"] == "hallway/ah-ch/seed-1"]

@@ -109,7 +109,6 @@ def test_selection_keeps_registry_order() -> None:
             "corridor = 3200",
             r"budgets\.smoke\.env_steps: unknown 'corridor'; known: hall",
         ),
-        ("hallway = 3200\n", "", r"budgets\.smoke\.env_steps: missing hallway"),
         ("hallway = 3200", "hallway = 0", r"budgets\.smoke\.env_steps\.hallway is 0"),
         ("seeds = 2", "seeds = 0", r"budgets\.smoke\.seeds"),
         ("lanes = 16\n", "", r"presets\.authors-code\.all: missing lanes"),
@@ -118,8 +117,26 @@ def test_selection_keeps_registry_order() -> None:
         ("belief_weight = 0.267", "belief_wait = 1", r"domains\.hallway: unknown 'belief_wait'"),
         ('extends = "authors-code"', 'extends = "nobody"', r"presets\.calibrated\.extends: unknown 'nobody'"),
         ('extends = "authors-code"', 'extends = "calibrated"', r"extends: 'calibrated' extends it in turn"),
-        ('"rocksample-5-5"]', '"rocksample-7-8"]', r"references\.\w+\.domains: unknown 'rocksample-7-8'"),
-        ('"hallway-2", "rock', '"hallway", "rock', r"references\.\w+\.domains: 'hallway' is listed more"),
+        ('"fib"]', '"fob"]', r"domains\.hallway\.references: unknown 'fob'; known: random, sarsop"),
+        ('"fib"]', '"qmdp"]', r"domains\.hallway\.references: 'qmdp' is listed more"),
+        (
+            "[domains.hallway]",
+            "[domains.corridor]",
+            r"unknown 'corridor'; known: .*\(give a new one its `file`",
+        ),
+        ("[domains.hallway]", '[domains."Hall/way"]', r"'Hall/way' cannot be part of an id"),
+        (
+            "[agents.ah-cs]",
+            "[agents.as-cs]",
+            r"agents: unknown 'as-cs'; known: ah-ch, .*bgn/agents/specs\.py",
+        ),
+        (
+            "cost = 1.1",
+            "episode_limit = 5",
+            r"domains\.hallway-2\.episode_limit: only for a domain with a `file`",
+        ),
+        ("cost = 1.1", 'file = "x.pomdp"', r"domains\.hallway-2\.episode_limit: Field required"),
+        ("[defaults]", 'extends = "mine"\n[defaults]', r"extends: 'mine' is unknown; known: \"shipped\""),
     ],
 )
 def test_bad_registries_name_file_key_and_what_is_known(
