@@ -1,4 +1,4 @@
-"""Everything one does with this project: ``nox -s reproduce``, ``tests``, ``lint``, ``speed``.
+"""Everything one does with this project: ``nox -s reproduce``, ``tests``, ``lint``, ``speed``, ``notebooks``, ``regress``.
 
 All sessions share one virtual environment: torch is large, and is installed once.
 """
@@ -9,6 +9,8 @@ import hashlib
 import os
 import pathlib
 import sys
+from collections.abc import Mapping
+from types import MappingProxyType
 
 import nox
 
@@ -41,6 +43,23 @@ def lint(session: nox.Session) -> None:
 
 
 @nox.session(venv_backend="none")
+def notebooks(session: nox.Session) -> None:
+    """Execute the notebooks and write build/notebooks/index.html; ``-- --fixture``: on a small store, as a test."""
+    if "--fixture" not in session.posargs:
+        run(session, "python", "-m", "benchmarks.notebooks", *session.posargs)
+        return
+    store = {"BGN_RESULTS": str(ROOT / "tests" / "data" / "store"), "BGN_PRESET": "calibrated"}
+    pages = sorted(str(path.relative_to(ROOT)) for path in (ROOT / "notebooks").glob("*.ipynb"))
+    run(session, "pytest", "--nbmake", "--nbmake-timeout=300", "--durations=0", *pages, variables=store)
+
+
+@nox.session(venv_backend="none")
+def regress(session: nox.Session) -> None:
+    """Compare fresh runs with stored ones; 0 fine, 1 regressed, 2 could not tell. Arguments: docs/regression.md."""
+    run(session, "python", "-m", "benchmarks.regression", *session.posargs)
+
+
+@nox.session(venv_backend="none")
 def speed(session: nox.Session) -> None:
     """Measure speeds into .benchmarks/speed.json; ``-- --compare [REV]``: against a git revision."""
     if "--compare" in session.posargs:
@@ -56,11 +75,13 @@ def speed(session: nox.Session) -> None:
     run(session, "python", "-m", "benchmarks.speed", "table")
 
 
-def run(session: nox.Session, program: str, *arguments: str) -> None:
+def run(
+    session: nox.Session, program: str, *arguments: str, variables: Mapping[str, str] = MappingProxyType({})
+) -> None:
     """Run a program of the shared environment, which is brought up to date first."""
     install(session)
     path = os.pathsep.join([str(PROGRAMS), os.environ["PATH"]])
-    environment = {"PATH": path, "VIRTUAL_ENV": str(ENVIRONMENT)}
+    environment = {"PATH": path, "VIRTUAL_ENV": str(ENVIRONMENT), **variables}
     session.run(str(PROGRAMS / program), *arguments, env=environment, external=True)
 
 

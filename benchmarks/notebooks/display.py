@@ -124,7 +124,7 @@ def verdicts(evidence: StoredEvidence, notebook: str) -> None:
         rows.append(f'<tr class="start"><td colspan="3">“{quote}” <small>(§ {section})</small></td></tr>')
         cells = (html.escape(claim["asks"]), f"<b>{claim['verdict']}</b>", html.escape(_rests_on(claim)))
         rows.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")
-    display(HTML(f'<div class="bgn-table"><table>{"".join(rows)}</table></div>'))
+    display(HTML(f'<div class="bgn-table words"><table>{"".join(rows)}</table></div>'))
 
 
 def overview() -> None:

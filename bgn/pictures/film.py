@@ -180,7 +180,7 @@ def _column(domain: Domain, number: int, shot: Shot) -> Pillow.Image:
     panel = Pillow.fromarray(_panels(domain, shot))
     wide, scene = panel.width, None
     if shot.frames:
-        wide = 300
+        wide = max(300, panel.width)
         scene = Pillow.fromarray(shot.frames[-1])
         scene = scene.resize((wide, round(scene.height * wide / scene.width)), Pillow.Resampling.LANCZOS)
     above = CAPTION + (0 if scene is None else scene.height)
