@@ -1,4 +1,4 @@
-"""Everything one does with this project: ``nox -s reproduce``, ``tests``, ``lint``, ``speed``, ``notebooks``, ``regress``.
+"""Everything one does with this project: ``nox -s reproduce``, ``tests``, ``notebooks``, ``regress`` and more.
 
 All sessions share one virtual environment: torch is large, and is installed once.
 """

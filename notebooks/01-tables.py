@@ -57,17 +57,17 @@ display.table(tables.raw_returns(evidence))
 display.table(tables.normalised_returns(evidence))
 
 # %% [markdown]
-# ## What this says of the paper's sentences
-#
-# "By Table 7 itself" is the same question put to the paper's own numbers: some of its sentences say more than its table.
-
-# %%
-display.verdicts(evidence, "01-tables")
-
-# %% [markdown]
 # ## What is stored
 #
 # Everything above shows, for each domain, the budget that trained it longest. This is what there is in all.
 
 # %%
 display.overview()
+
+# %% [markdown]
+# ## Verdict
+#
+# "By Table 7 itself" is the same question put to the paper's own numbers: some of its sentences say more than its table.
+
+# %%
+display.verdicts(evidence, "01-tables")
