@@ -1,4 +1,4 @@
-"""The command line: ``python -m benchmarks run | status | tables``."""
+"""The command line: ``python -m benchmarks run | status | tables | measure``."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def main(arguments: Sequence[str] | None = None, *, work: Work = Work()) -> int:
         if options.command == "run":
             _check_device(options.device)
             return _run(selection, options, work, console)
-        show = {"status": _show_status, "tables": _show_tables}[options.command]
+        show = {"status": _show_status, "tables": _show_tables, "measure": _measure}[options.command]
         return show(selection, options, console)
     except (RegistryError, StoreError, UnknownDomainError, DeviceError) as error:
         print(f"error: {error}", file=sys.stderr)
@@ -105,6 +105,17 @@ def _show_tables(selection: Selection, options: argparse.Namespace, console: Con
     return 0
 
 
+def _measure(selection: Selection, options: argparse.Namespace, console: Console) -> int:
+    from benchmarks import authors_evaluation  # imported here because torch takes seconds
+
+    wanted = [d for d in selection.domains if selection.registry.domains[d].authors_metric]
+    store = selection.store(options.results)
+    with store.lock():
+        measured = authors_evaluation.measure(store, wanted)
+    console.print(f"Measured {measured} policies of {', '.join(wanted)}.", highlight=False)
+    return 0
+
+
 def _select(benchmark: Registry, options: argparse.Namespace) -> Selection:
     budget = benchmark.budget(options.budget)
     benchmark.select("preset", [options.preset])
@@ -151,7 +162,9 @@ def _parser(benchmark: Registry) -> argparse.ArgumentParser:
         "--all", action="store_true", help="also what the verdicts rest on and every other metric"
     )
     tables.add_argument("--format", choices=tuple(_FORMS), help="print for another program")
-    for command in (run, status, tables):
+    measure = commands.add_parser("measure", help="measure stored Hallway policies as the authors did")
+    measure.set_defaults(domain=None, agent=None, reference=None, seeds=None)
+    for command in (run, status, tables, measure):
         _add_store(command, benchmark)
     for command in (run, status):
         _add_selection(command, benchmark)
