@@ -1,8 +1,8 @@
 """Writes what the documents say of the results: ``python -m benchmarks.documents [--check]``.
 
-``CLAIMS.md`` is written as a whole, ``README.md`` between its markers, and the figures of ``docs/figures``
-as PNG and SVG. All of it comes from ``results/published``, under the registry's preset. ``--check`` writes nothing and fails
-where a text is not what the results say.
+``CLAIMS.md`` is written as a whole, ``README.md`` between its markers, and the figures of ``docs/figures`` as PNG and
+SVG. All of it comes from ``results/published``, under the registry's preset. ``--check`` writes nothing and fails where
+a text is not what the results say.
 """
 
 from __future__ import annotations
