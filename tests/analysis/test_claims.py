@@ -9,7 +9,7 @@ from bgn.agents.specs import AGENTS
 from bgn.analysis import claims, criteria, paper
 from bgn.analysis.criteria import Answer
 from bgn.results.schema import CLEAN, HIDDEN
-from tests.analysis._evidence import DOMAINS, cell, curve, reference, scores
+from tests.analysis._evidence import DOMAINS, STEPS, cell, curve, reference, scores
 
 NEAR = [0.0, 0.002, -0.002, 0.001, -0.001]
 ROBOTS = ("top-plate", "two-bumps-1d", "two-bumps-2d")
@@ -63,6 +63,53 @@ def test_alone_perfect_is_one_claim_over_all_tasks() -> None:
         ROBOTS[2], "ah-cs", around(0.5)
     )
     assert claim.criterion.judge(scores(ours + two)).answer is Answer.HOLDS
+    rest = [row for row in two if row["agent"] != "ah-cs"]
+    all_three = rest + [row for domain in ROBOTS for row in cell(domain, "ah-cs", perfect)]
+    assert claim.criterion.judge(scores(ours + all_three)).answer is Answer.FAILS
+    # Nor is the agent itself perfect if one task is missed.
+    missed = [row for row in ours if row["domain"] != ROBOTS[0]] + cell(ROBOTS[0], "ah-ch+bgn", around(0.9))
+    assert claim.criterion.judge(scores(missed + others)).answer is Answer.FAILS
+    assert claim.criterion.judge(scores(ours)).answer is Answer.MISSING
+
+
+def test_better_holds_fails_and_stays_open() -> None:
+    better = criteria.Better(("ah-ch+bgn",), ("ah-ch",), ("hallway", "hallway-2"))
+    ours = cell("hallway", "ah-ch+bgn", around(0.5)) + cell("hallway-2", "ah-ch+bgn", around(0.5))
+    second = cell("hallway-2", "ah-ch", around(0.3))
+    assert better.judge(scores(ours + cell("hallway", "ah-ch", around(0.3)) + second)).answer is Answer.HOLDS
+    # As good within the tolerance in one domain: contradicted.
+    assert better.judge(scores(ours + cell("hallway", "ah-ch", around(0.5)) + second)).answer is Answer.FAILS
+    # Significantly better by less than the tolerance is better all the same.
+    assert better.judge(scores(ours + cell("hallway", "ah-ch", around(0.45)) + second)).answer is Answer.HOLDS
+    noisy = cell("hallway", "ah-ch", [0.1, 0.9, 0.2, 0.8, 0.5])
+    assert better.judge(scores(ours + noisy + second)).answer is Answer.INCONCLUSIVE
+
+
+def test_short_and_missing_cells_cannot_make_a_claim_hold() -> None:
+    better = criteria.Better(("ah-ch+bgn",), ("ah-ch",), ("hallway",))
+    ours, low = cell("hallway", "ah-ch+bgn", around(0.5)), cell("hallway", "ah-ch", around(0.3))
+    assert better.judge(scores(ours)).answer is Answer.MISSING
+    assert better.judge(scores(ours + low[:1])).answer is Answer.MISSING  # a single seed has no spread
+    short = cell("hallway", "ah-ch", around(0.3), STEPS - 1)
+    assert better.judge(scores(ours + short)).answer is Answer.SHORT
+
+
+def test_similar_and_order() -> None:
+    similar = criteria.Similar(("ah-cs", "ah-cb"), ("hallway",))
+    same = cell("hallway", "ah-cs", around(0.4)) + cell("hallway", "ah-cb", around(0.41))
+    apart = cell("hallway", "ah-cs", around(0.4)) + cell("hallway", "ah-cb", around(0.6))
+    assert similar.judge(scores(same)).answer is Answer.HOLDS
+    assert similar.judge(scores(apart)).answer is Answer.FAILS
+    varies = criteria.OrderVaries(("ah-cs", "ah-cb"), ("hallway", "hallway-2"))
+    turned = apart + cell("hallway-2", "ah-cs", around(0.6)) + cell("hallway-2", "ah-cb", around(0.4))
+    kept = apart + cell("hallway-2", "ah-cs", around(0.4)) + cell("hallway-2", "ah-cb", around(0.6))
+    assert varies.judge(scores(turned)).answer is Answer.HOLDS
+    assert varies.judge(scores(kept)).answer is Answer.INCONCLUSIVE
+
+
+def test_matches_in_three_of_four() -> None:
+    matches = criteria.MatchesIn("ah-ch", ("ah-cs",), claims.CLASSIC, 3)
+    rows = [row for domain in claims.CLASSIC for row in cell(domain, "ah-cs", around(0.5))]
     for means, answer in (((0.2, 0.5, 0.5, 0.5), Answer.HOLDS), ((0.2, 0.2, 0.5, 0.5), Answer.FAILS)):
         pairs = zip(claims.CLASSIC, means, strict=True)
         ours = [row for domain, mean in pairs for row in cell(domain, "ah-ch", around(mean))]
