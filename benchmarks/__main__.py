@@ -11,7 +11,7 @@ from collections.abc import Generator, Mapping, Sequence
 
 from rich.console import Console
 
-from benchmarks import plan, progress, registry, report
+from benchmarks import adoption, plan, progress, registry, report
 from benchmarks.events import Event
 from benchmarks.executors import processes, streams
 from benchmarks.plan import Selection, State
@@ -54,6 +54,8 @@ def _run(selection: Selection, options: argparse.Namespace, work: Work, console:
     requests = selection.requests()
     with store.lock():
         missing = [s.request for s in plan.statuses(requests, store) if s.state is not State.CURRENT]
+        adopted = adoption.adopt(missing, store, options.results)
+        missing = [request for request in missing if request not in adopted]
         tasks = selection.tasks(missing, store, options.device)
         done = len(requests) - len(missing)
         console.print(f"{done} of {len(requests)} runs and reference rows are done.", highlight=False)

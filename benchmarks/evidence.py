@@ -149,7 +149,7 @@ def gather(registry: Registry, budget: str, preset: str, store: Store) -> Stored
         registry=registry,
         budget=budget,
         preset=preset,
-        domains=_present(registry.budget(budget).env_steps, named_domains),
+        domains=named_domains,
         agents=named_agents,
         references=_present(registry.references, references["reference"]),
         seeds=(0,),  # the key is that of the cell: the seed is no part of it

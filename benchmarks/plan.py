@@ -44,6 +44,11 @@ class Request:
     seed: int
     origin: Origin
 
+    @property
+    def run(self) -> str:
+        """The id as the store's rows have it."""
+        return str(self.id)
+
 
 @dataclass(frozen=True)
 class Status:
@@ -72,7 +77,7 @@ class Selection:
         return Store(results / self.budget / self.preset)
 
     def requests(self) -> list[Request]:
-        """Return every run and reference row of the selection, in registry order.
+        """Return every run and reference row of the selection, but for domains that the budget leaves out.
 
         Raises
         ------
@@ -97,15 +102,17 @@ class Selection:
         data = provenance.data_hash(domains.get(domain))
         for agent in self.agents:
             spec = self.registry.cell(domain, agent, budget=self.budget, preset=self.preset)
-            unused = None if spec.physics_episodes else provenance.PHYSICS_CODE
-            code = provenance.code_hash(provenance.TRAINING_CODE, without=unused)
+            in_physics = spec.physics_episodes > 0
+            code = provenance.code_hash(
+                provenance.TRAINING_WITH_PHYSICS if in_physics else provenance.TRAINING
+            )
             origin = Origin(provenance.spec_hash(spec), code, data)
             for seed in self.seeds:
                 yield Request("runs", RunId.of(domain, agent, seed), spec, seed, origin)
 
     def _references(self, domain: str) -> Iterator[Request]:
         data = provenance.data_hash(domains.get(domain))
-        code = provenance.code_hash(provenance.PLANNING_CODE)
+        code = provenance.code_hash(provenance.PLANNING)
         budget = self.registry.budget(self.budget)
         for reference in self.references:
             for convention in (
@@ -163,7 +170,7 @@ def opening(domain: Domain) -> Convention:
 def statuses(requests: Sequence[Request], store: Store) -> list[Status]:
     """Compare what is asked for with what is stored."""
     found = {kind: _by_run(store.read(kind)) for kind in ("runs", "references")}
-    return [_status(request, found[request.kind].get(str(request.id), [])) for request in requests]
+    return [_status(request, found[request.kind].get(request.run, [])) for request in requests]
 
 
 def _by_run(rows: pd.DataFrame) -> dict[str, list[Mapping[str, str]]]:

@@ -319,10 +319,10 @@ def _declare(path: pathlib.Path, name: str, entry: FileDomainEntry) -> None:
             hidden_first_action=entry.hidden_first_action,
         )
         from_file.declare(domain)
-    except OSError as error:
-        raise RegistryError(f"{where}: cannot read {file}: {error.strerror}") from error
     except BgnError as error:
         raise RegistryError(f"{where}: {error}") from error
+    except (OSError, ValueError) as error:  # ValueError: a path that holds a null character
+        raise RegistryError(f"{where}: cannot read {str(file)!r}: {error}") from error
 
 
 def _explain(error: ValidationError) -> str:

@@ -170,7 +170,7 @@ def _chosen(
 def _default(reference: StoredEvidence, chosen: Sequence[tuple[str, str]]) -> list[tuple[str, str]]:
     """Return one classic and one robot cell: the grounded history agent's where it is stored."""
     families = {domain.id: domain.family for domain in reference.domains}
-    found = {}
+    found: dict[str, tuple[str, str]] = {}
     for cell in sorted(chosen, key=lambda cell: cell[1] != cells.GROUNDED):
         found.setdefault(families[cell[0]], cell)
     return list(found.values())
@@ -246,7 +246,7 @@ def _table(found: Sequence[Comparison], options: argparse.Namespace, minutes: fl
         f"{rule.confirming_seeds} others at p < {rule.level:g}. {minutes:.1f} minutes in all.",
         *(f"{one.cell}: {one.why}." for one in found),
     ]
-    columns = ["Cell", "Reference", "Now", "Difference", "p", "Verdict", "CPU"]
+    columns = ["Cell", "Reference", "Now", "Change", "p", "Verdict", "CPU"]
     return TextTable("Regression", columns, rows, notes, labels=1)
 
 

@@ -16,8 +16,9 @@ from bgn.agents.specs import agent
 from bgn.analysis import tables
 from bgn.analysis.figures import curves, style
 from bgn.analysis.text_table import TextTable
+from bgn.results.atomic import write_bytes
 from bgn.results.run_ids import CellId, RunId
-from bgn.results.store import Store, write_bytes, write_parquet
+from bgn.results.store import Store, write_parquet
 
 Form = Literal["markdown", "csv", "html", "latex"]
 
@@ -48,7 +49,7 @@ def show_status(selection: Selection, statuses: Sequence[Status], console: Conso
 
 def show_missing(statuses: Sequence[Status], console: Console) -> None:
     """Print a table naming every run that is not done, and why."""
-    missing = [[str(s.request.id), s.state.value, s.detail] for s in statuses if s.state is not State.CURRENT]
+    missing = [[s.request.run, s.state.value, s.detail] for s in statuses if s.state is not State.CURRENT]
     _print(TextTable("Missing runs", ["Run", "State", "Why"], missing, labels=3), console)
 
 

@@ -12,10 +12,11 @@ from typing import Any, ClassVar, Protocol
 from bgn.domains import from_file
 from bgn.domains.from_file import FileDomain
 from bgn.results import provenance, schema
+from bgn.results.atomic import write_atomically
 from bgn.results.provenance import Origin
 from bgn.results.run_ids import CellId, ReferenceId, RunId
 from bgn.results.schema import Convention
-from bgn.results.store import Kind, Store, write_atomically
+from bgn.results.store import Kind, Store
 from bgn.training.cell import CellSpec, Progress, RunResult
 
 ProgressListener = Callable[[Progress], None]

@@ -74,7 +74,8 @@ def digest(evidence: StoredEvidence) -> str:
     """Hash what the results say: runs and reference rows by id, with every number but times."""
     parts = []
     for frame in (evidence.runs, evidence.references):
-        numeric = [c for c in frame.select_dtypes("number") if not c.endswith(("seconds", "_per_second"))]
+        numeric = [str(column) for column in frame.select_dtypes("number")]
+        numeric = [name for name in numeric if not name.endswith(("seconds", "_per_second"))]
         columns = [c for c in ("run", "budget", "preset") if c in frame] + sorted(numeric)
         ordered = frame[columns].sort_values(["run", "budget"]) if len(frame) else frame[columns]
         parts.append(ordered.to_csv(index=False, float_format="%.6g"))

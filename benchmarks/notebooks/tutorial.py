@@ -65,8 +65,8 @@ def curves(results: Results) -> Figure:
     for agent, runs in results.items():
         line = band([run.curve for run in runs], "return_100")
         axes.plot(line["env_steps"], line["mean"], label=agent, **style.line(agent, tuple(results)))  # type: ignore[arg-type]
-        shade = {"color": style.colour(agent, tuple(results)), "alpha": 0.13, "linewidth": 0}
-        axes.fill_between(line["env_steps"], line["low"], line["high"], **shade)
+        tint = style.colour(agent, tuple(results))
+        axes.fill_between(line["env_steps"], line["low"], line["high"], color=tint, alpha=0.13, linewidth=0)
     style.plain(axes, "", "environment steps", "return, last 100 episodes")
     style.logarithmic(axes)
     style.legend(figure, [axes])

@@ -11,6 +11,7 @@ from rich.console import Console
 
 from benchmarks.speed import compare, suite
 from benchmarks.speed.workloads import COMPARED
+from bgn.errors import BgnError
 
 SPEED_JSON = Path(".benchmarks") / "speed.json"
 _SLOWER, _USAGE = 1, 2
@@ -33,7 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     try:
         status: int = options.run(options)
-    except (compare.CompareError, suite.SuiteError) as error:
+    except BgnError as error:
         print(f"error: {error}", file=sys.stderr)
         return _USAGE
     return status

@@ -11,7 +11,6 @@ import json
 import os
 import subprocess
 import sys
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,9 +18,9 @@ from statistics import median
 
 from rich.table import Table
 
+from benchmarks.revisions import ROOT, RevisionError, ask_git, checked_out, resolve
 from bgn.errors import BgnError
 
-ROOT = Path(__file__).parents[2]
 WORKLOADS = Path(__file__).with_name("workloads.py")
 #: A slowdown beyond this factor fails; ratios of single turns vary by ten per cent or two.
 THRESHOLD = 1.25
@@ -123,7 +122,7 @@ def compare(revision: str | None, names: Sequence[str], rounds: int = ROUNDS) ->
 
     Raises
     ------
-    CompareError
+    RevisionError
         This is not a git repository, or there is no such revision.
     """
     commit = resolve(revision or default_revision())
@@ -140,46 +139,10 @@ def compare(revision: str | None, names: Sequence[str], rounds: int = ROUNDS) ->
 def default_revision(root: Path = ROOT) -> str:
     """Return where this branch left main; on main itself, the commit before."""
     try:
-        base, head = _git(root, "merge-base", "HEAD", MAIN), _git(root, "rev-parse", "HEAD")
-    except CompareError:
+        base, head = ask_git(root, "merge-base", "HEAD", MAIN), ask_git(root, "rev-parse", "HEAD")
+    except RevisionError:
         return "HEAD~1"
     return "HEAD~1" if base == head else base
-
-
-def resolve(revision: str, root: Path = ROOT) -> str:
-    """Return the full name of a commit."""
-    try:
-        _git(root, "rev-parse", "--git-dir")
-    except CompareError as error:
-        raise CompareError(f"{root} is not a git repository: there is no revision to compare with") from error
-    try:
-        return _git(root, "rev-parse", "--verify", "--end-of-options", f"{revision}^{{commit}}")
-    except CompareError as error:
-        raise CompareError(f"{root} has no revision {revision!r}; `git log` lists those it has") from error
-
-
-@contextlib.contextmanager
-def checked_out(commit: str, root: Path = ROOT) -> Iterator[Path]:
-    """Give the files of a commit in a folder that is gone afterwards."""
-    with tempfile.TemporaryDirectory(prefix="bgn-compare-") as folder:
-        code = Path(folder) / "code"
-        _git(root, "worktree", "add", "--detach", str(code), commit)
-        try:
-            yield code
-        finally:
-            _git(root, "worktree", "remove", "--force", str(code))
-
-
-def _git(root: Path, *arguments: str) -> str:
-    try:
-        done = subprocess.run(
-            ["git", "-C", str(root), *arguments], capture_output=True, text=True, check=True
-        )
-    except FileNotFoundError as error:
-        raise CompareError("git is not installed") from error
-    except subprocess.CalledProcessError as error:
-        raise CompareError(error.stderr.strip()) from error
-    return done.stdout.strip()
 
 
 def table(revision: str, comparisons: Sequence[Comparison]) -> Table:

@@ -10,6 +10,8 @@ from statistics import median
 
 import torch
 
+from bgn.results.environment import processor
+
 #: Shape of the calibration kernel ``tanh(x @ w)``: one Ah-Ch step's largest product, 16 lanes.
 KERNEL = (16, 256, 768)
 PEAK_SIZE = 768
@@ -33,7 +35,7 @@ def peak_flops() -> float:
 def info() -> dict[str, str | int]:
     """Say what the figures were measured on."""
     return {
-        "processor": _processor(),
+        "processor": processor(),
         "cores": os.cpu_count() or 1,
         "python": platform.python_version(),
         "torch": torch.__version__,
@@ -47,13 +49,3 @@ def _cpu_seconds(work: Callable[[], object], times: int) -> float:
     for _ in range(times):
         work()
     return (time.process_time() - start) / times
-
-
-def _processor() -> str:
-    """Return the processor's name, as Linux tells it."""
-    try:
-        with open("/proc/cpuinfo", encoding="utf-8") as file:
-            names = [line.partition(":")[2].strip() for line in file if line.startswith("model name")]
-    except OSError:
-        names = []
-    return names[0] if names else platform.processor() or platform.machine()

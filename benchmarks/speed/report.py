@@ -18,6 +18,7 @@ from benchmarks.speed.suite import Suite, SuiteError, training_rows
 from benchmarks.speed.workloads import Training
 from bgn import domains
 from bgn.agents.specs import AGENTS
+from bgn.results.run_ids import CellId
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "performance.md"
 FIGURE = "performance-growth.png"
@@ -95,7 +96,8 @@ def _machine(suite: Suite) -> str:
 def _profile() -> str:
     rows = []
     for cell in PROFILED:
-        training = Training.of_cell(*cell.split("/"))
+        named = CellId.parse(cell)
+        training = Training.of_cell(named.domain, named.agent)
         for share in shares(training):
             rows.append((cell, share.what, f"{share.fraction:.0%}", f"{share.calls:.0f}"))
             cell = ""

@@ -18,10 +18,11 @@ from pathlib import Path
 import torch
 
 from benchmarks import registry
-from bgn import domains, pomdp
+from bgn import domains
 from bgn.agents.hyperparameters import Hyperparameters
 from bgn.agents.specs import AGENTS
 from bgn.domains.domain import Domain
+from bgn.pomdp import reader
 from bgn.simulation.table_world import START_VARIATES, STEP_VARIATES, TableWorld
 from bgn.training.executor import Executor
 from bgn.training.learner import Learner
@@ -104,7 +105,7 @@ def repeated(work: Workload, times: int) -> Workload:
 
 def loading(name: str) -> Workload:
     """Return the reading of one of the repository's ``.pomdp`` files."""
-    return partial(pomdp.load, POMDP_FILES / name)
+    return partial(reader.load, POMDP_FILES / name)
 
 
 def compiling(domain_id: str) -> Workload:

@@ -287,7 +287,7 @@ class AlonePerfect:
 
     def _everywhere(self, scores: Scores, agent: str) -> bool | None:
         """Say whether an agent is perfect in all domains (None: cannot be told)."""
-        answers = []
+        answers: list[bool | None] = []
         for domain in self.domains:
             if not scores.ready((domain, agent)):
                 answers.append(None)

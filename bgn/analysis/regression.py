@@ -22,7 +22,7 @@ from bgn.analysis.statistics import Sample, welch_p
 #: Fewer reference seeds than this can't carry the second stage.
 FEWEST_REFERENCE_SEEDS = 5
 #: A second stage that is not significant by the rule, but would be at this level, leaves it open.
-DOUBT = 0.05
+DOUBT = 0.01
 
 
 class Outcome(enum.Enum):
@@ -67,6 +67,8 @@ class AlarmRates:
     """One cell."""
     any_cell: float
     """At least one of all cells that are looked at: a false alarm if nothing dropped."""
+    any_open: float
+    """At least one of them regressed or left open."""
 
 
 def alarm_rates(
@@ -83,8 +85,10 @@ def alarm_rates(
     limit = reference.mean(-1) - rule.screening_sds * reference.std(-1, ddof=1)
     suspicious = screening.mean(-1) < limit
     p = stats.ttest_ind(confirming, reference, axis=-1, equal_var=False, alternative="less").pvalue
-    alarms = suspicious & (p < rule.level)
-    return AlarmRates(float(alarms.mean()), float(alarms.any(axis=-1).mean()))
+    alarms, doubts = suspicious & (p < rule.level), suspicious & (p < DOUBT)
+    return AlarmRates(
+        float(alarms.mean()), float(alarms.any(axis=-1).mean()), float(doubts.any(axis=-1).mean())
+    )
 
 
 def worst(outcomes: Sequence[Outcome]) -> Outcome:

@@ -89,8 +89,8 @@ def detectable_gap(a: Sample, b: Sample, *, level: float, power: float = 0.8) ->
     if math.isnan(variance) or variance == 0:
         return math.nan
     freedom = welch_freedom(a, b)
-    quantiles = stats.t.ppf([1 - level / 2, power], freedom)
-    return float(quantiles.sum()) * math.sqrt(variance)
+    reach = sum(float(stats.t.ppf(chance, freedom)) for chance in (1 - level / 2, power))
+    return reach * math.sqrt(variance)
 
 
 def equivalence_power(a: Sample, b: Sample, *, tolerance: float, level: float) -> float:

@@ -39,10 +39,11 @@ _CI = 1.96  # half-width of a 95 % interval in standard errors
 
 def claim_lines(claims: pd.DataFrame) -> TextTable:
     """Return one line per claim of the paper: where it stands, what of it is judged, the verdict."""
-    rows = [
-        [c.section if len(c.section) > 3 else f"§ {c.section}", c.asks, c.verdict]
-        for c in claims.itertuples()
-    ]
+    rows = []
+    for _, claim in claims.iterrows():
+        section = str(claim["section"])
+        where = section if len(section) > 3 else f"§ {section}"
+        rows.append([where, str(claim["asks"]), str(claim["verdict"])])
     counts = claims["verdict"].value_counts()
     total = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
     notes = [f"{len(claims)} claims: {total}. What the verdicts rest on: --all; word for word: CLAIMS.md."]
@@ -53,17 +54,12 @@ def claim_lines(claims: pd.DataFrame) -> TextTable:
 
 def claim_details(claims: pd.DataFrame) -> TextTable:
     """Return the statistic behind each verdict, with runs, horizon and what Table 7 itself says."""
-    rows = [
-        [
-            c.claim,
-            c.verdict,
-            c.statistic,
-            c.runs,
-            c.env_steps.replace(",000,000", " M").replace(",000", " k"),
-            c.by_table_7,
+    rows = []
+    for _, claim in claims.iterrows():
+        words = [
+            str(claim[name]) for name in ("claim", "verdict", "statistic", "runs", "env_steps", "by_table_7")
         ]
-        for c in claims.itertuples()
-    ]
+        rows.append([*words[:4], _short_steps(words[4]), words[5]])
     columns = ["Claim", "Verdict", "Statistic", "Runs", "Steps", "By Table 7"]
     notes = [
         "Runs and steps: per cell, the fewest and the most. By Table 7: the same question put to the paper's own "

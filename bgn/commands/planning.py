@@ -7,10 +7,10 @@ import json
 from pathlib import Path
 from typing import Any
 
-import bgn.pomdp
 from bgn import domains
 from bgn.planning.evaluate import DEFAULT_LIMIT
 from bgn.planning.sarsop import PlanningError
+from bgn.pomdp import reader
 from bgn.pomdp.model import MOMDP
 
 
@@ -33,7 +33,7 @@ def load_model(name: str) -> tuple[MOMDP, int]:
         return domain.model, domain.episode_limit
     if not Path(name).exists():
         raise PlanningError(f"{name}: no such file, nor a domain; domains: {', '.join(domains.ids())}")
-    return MOMDP(bgn.pomdp.load(name)), DEFAULT_LIMIT
+    return MOMDP(reader.load(name)), DEFAULT_LIMIT
 
 
 def print_values(values: dict[str, Any], *, as_json: bool) -> None:

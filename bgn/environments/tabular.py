@@ -49,7 +49,7 @@ class TableEnvironment(gymnasium.Env[np.int64, np.int64]):
         Open every episode with an unseen random action; see the module's description. None: as the domain's
         agents see it.
     render_mode
-        ``"ansi"`` (a text) or ``"rgb_array"`` (a picture).
+        ``"ansi"`` (a text) or, of a domain with a map, ``"rgb_array"`` (a picture).
     """
 
     metadata = {"render_modes": ["ansi", "rgb_array"], "render_fps": 2}  # noqa: RUF012  (Gymnasium's declaration)
@@ -60,8 +60,11 @@ class TableEnvironment(gymnasium.Env[np.int64, np.int64]):
         domain = registry.get(domain_id)
         if domain.model.n_observed != 1:
             raise InputError(f"{domain_id} has an observed part; expected a plain POMDP")
+        if not isinstance(domain.layout, GridLayout):
+            self.metadata = self.metadata | {"render_modes": ["ansi"]}
         if render_mode not in (None, *self.metadata["render_modes"]):
-            raise InputError(f"no render mode {render_mode!r}; expected 'ansi' or 'rgb_array'")
+            known = " or ".join(map(repr, self.metadata["render_modes"]))
+            raise InputError(f"no render mode {render_mode!r} for {domain_id}; expected {known}")
         self.domain = domain
         self.hidden_first_action = (
             domain.hidden_first_action if hidden_first_action is None else hidden_first_action
@@ -105,18 +108,20 @@ class TableEnvironment(gymnasium.Env[np.int64, np.int64]):
         return observation, reward, not self._going, False, info
 
     def render(self) -> Render | None:
-        """Show the map, the true state and the belief."""
+        """Show the map where there is one, the true state and the belief."""
         layout = self.domain.layout
-        if self.render_mode is None or not isinstance(layout, GridLayout):
+        if self.render_mode is None:
             return None
         if self.render_mode == "rgb_array":
+            assert isinstance(layout, GridLayout)
             return maps.draw(layout, self._state, self._belief)
         names = self._model
         shown = (*names.observation_names, "none")[self._observation]
         action = (*names.action_names, "none")[self._last_action]
         belief = f"belief in the true state {self._belief[self._state]:.3f}"
         summary = f"{names.state_names[self._state]} after {action}, observing {shown}; {belief}"
-        return f"{maps.text(layout, self._state)}\n{summary}\n"
+        drawing = f"{maps.text(layout, self._state)}\n" if isinstance(layout, GridLayout) else ""
+        return f"{drawing}{summary}\n"
 
     def _move(self, action: int, *, ended: bool | None) -> float:
         """Draw s' and o, update the belief and return R(a, s, s', o)."""

@@ -13,6 +13,7 @@ from PIL import Image as Pillow
 from PIL import ImageDraw, ImageFont
 
 from bgn.domains.domain import Domain
+from bgn.physics import RenderingUnavailableError
 from bgn.physics.world import Moment, PhysicsWorld, Policy
 from bgn.pictures.belief_panels import (
     FINGER,
@@ -24,7 +25,7 @@ from bgn.pictures.belief_panels import (
     draw_panels,
     panel_size,
 )
-from bgn.pictures.camera import Camera, RenderingUnavailableError
+from bgn.pictures.camera import Camera
 
 FRAMES_PER_MOVE: Final = 5
 FRAME_MILLISECONDS: Final = 90

@@ -9,10 +9,10 @@ import tempfile
 import time
 from pathlib import Path
 
-import bgn.pomdp
 from bgn.planning import policy_file
 from bgn.planning.episodic import without_resets
 from bgn.planning.sarsop import PlanningError, Progress, Solution
+from bgn.pomdp import writer
 from bgn.pomdp.model import POMDP
 
 #: A row of pomdpsol's log: time, trials, backups, lower bound, upper bound, precision, alpha vectors,
@@ -36,7 +36,7 @@ def solve_with_appl(model: POMDP, *, precision: float, timeout: float) -> Soluti
     episodic = without_resets(model)
     with tempfile.TemporaryDirectory() as folder:
         source, result = Path(folder, "model.pomdp"), Path(folder, "out.policy")
-        bgn.pomdp.save(episodic, source)
+        writer.save(episodic, source)
         command = [program, str(source), "--precision", f"{precision:g}", "--timeout", f"{timeout:g}"]
         began = time.perf_counter()
         run = subprocess.run([*command, "--output", str(result)], capture_output=True, text=True, check=False)

@@ -81,6 +81,10 @@ class Policy:
         greedy: bool = True,
     ) -> None:
         self.domain, self.spec, self.greedy = domain, agent(agent_id), greedy
+        if self.spec.actor == "state":
+            raise PolicyFileError(
+                f"{agent_id} acts on the state, which no history shows; it has no policy to run"
+            )
         self._networks = AgentNetworks(self.spec, domain, hyperparameters, (0,), torch.device("cpu"))
         missing = self._networks.actor_parameters() - set(tensors)
         if missing:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from bgn.pomdp._declarations import Declarations, Space, number, numbers
-from bgn.pomdp._errors import PomdpFormatError, fault
+from bgn.pomdp.errors import PomdpFormatError, fault
 from bgn.pomdp.model import POMDP, SUM_TOLERANCE, Floats
 
 MAX_NUMBERS = 50_000_000

@@ -9,7 +9,7 @@ from math import inf, isfinite
 import numpy as np
 from lark import Token
 
-from bgn.pomdp._errors import PomdpFormatError, fault
+from bgn.pomdp.errors import PomdpFormatError, fault
 from bgn.pomdp.model import SUM_TOLERANCE, Floats
 
 RESERVED = frozenset(

@@ -17,7 +17,7 @@ from lark import Lark, Token, UnexpectedCharacters, UnexpectedToken
 
 from bgn.pomdp._assembly import Rewards, Table, assemble
 from bgn.pomdp._declarations import Declarations
-from bgn.pomdp._errors import PomdpFormatError
+from bgn.pomdp.errors import PomdpFormatError
 from bgn.pomdp.model import POMDP
 
 _DECLARATION = "a declaration ('discount:', 'values:', 'states:', 'actions:', 'observations:' or 'start:')"

@@ -74,6 +74,13 @@ PROVENANCE: Columns = {
     "version_numba": _TEXT,
 }
 
+#: Further columns of a row that was given a new key, because the code that computed it was shown to be equal to newer
+#: code (``python -m benchmarks.migration``): what it was stored under at first, and how that was shown.
+REKEYING: Columns = {"former_key": _TEXT, "former_code_hash": _TEXT, "rekeyed_because": _TEXT}
+
+#: Further column of a row that was computed under another budget or preset with the same settings: which.
+ADOPTION: Columns = {"taken_from": _TEXT}
+
 #: Metrics every finished run has; further ones (physics) are columns of their own.
 RUN_METRICS = (
     "train_return",

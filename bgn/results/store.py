@@ -16,9 +16,8 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
-import os
 import pathlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Literal
 
 import pandas as pd
@@ -26,6 +25,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from bgn.errors import BgnError
+from bgn.results.atomic import TORN, write_atomically
 
 Kind = Literal["runs", "curves", "references", "measures"]
 _FAILED = ".failed"
@@ -101,7 +101,7 @@ class Store:
             except BlockingIOError as error:
                 message = f"another process is writing to {self.root}; wait for it or stop it"
                 raise StoreError(message) from error
-            for torn in self.root.rglob(".*.partial"):
+            for torn in self.root.rglob(TORN):
                 torn.unlink(missing_ok=True)
             yield
 
@@ -109,36 +109,6 @@ class Store:
 def write_parquet(path: pathlib.Path, table: pa.Table) -> None:
     """Write a parquet file in one atomic step."""
     write_atomically(path, lambda partial: pq.write_table(table, partial, compression="zstd"))
-
-
-def write_bytes(path: pathlib.Path, content: bytes) -> None:
-    """Write a file in one atomic step."""
-
-    def write(partial: pathlib.Path) -> None:
-        partial.write_bytes(content)
-
-    write_atomically(path, write)
-
-
-def write_atomically(path: pathlib.Path, write: Callable[[pathlib.Path], None]) -> None:
-    """Let ``write`` fill a temporary file, flush it to the disk, and rename it to ``path``."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        write(partial)
-        _flush(partial)
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
-    _flush(path.parent)
-
-
-def _flush(path: pathlib.Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def _failed(path: pathlib.Path) -> pathlib.Path:

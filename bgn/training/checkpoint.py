@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
 import torch
 
+from bgn.results.atomic import write_atomically
+
 
 def save(path: Path, content: dict[str, Any]) -> None:
     """Write ``content`` so that a reader sees the old file or the new one, whatever happens meanwhile."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_suffix(f".{os.getpid()}.tmp")
-    with temporary.open("wb") as file:
-        torch.save(content, file)
-        file.flush()
-        os.fsync(file.fileno())
-    temporary.replace(path)
+
+    def write(partial: Path) -> None:
+        with partial.open("wb") as file:
+            torch.save(content, file)
+
+    write_atomically(path, write)
 
 
 def load(path: Path) -> dict[str, Any] | None:

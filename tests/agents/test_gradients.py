@@ -39,7 +39,7 @@ def _inputs(learner: Learner, branch: Branch, p: Named, row: int, hidden: Named)
     if branch.kind == "belief":
         return memory.belief_input[row, :STEPS].double()
     if branch.kind == "state":
-        table = p["critic.state"] if sight.state is None else sight.state.double()
+        table = p[f"{branch.name}.state"] if sight.state is None else sight.state.double()
         return table[memory.state[row, :STEPS]]
     assert branch.recurrence is not None
     gru = branch.recurrence

@@ -10,9 +10,9 @@ from bgn.analysis import paper
 
 def test_every_cell_has_its_kind_of_reference() -> None:
     domains = ("hallway", "hallway-2", "rocksample-4-4", "rocksample-5-5", *paper._ROBOT_DOMAINS)
-    kinds = Counter(paper.reference_kind(domain, agent) for domain in domains for agent in AGENTS)
+    kinds = Counter(paper.reference_kind(domain, agent) for domain in domains for agent in paper.AGENTS)
     assert kinds == {"numeric": 20, "claim": 18, "none": 4}
-    assert tuple(AGENTS) == paper.AGENTS
+    assert set(paper.AGENTS) <= set(AGENTS)
 
 
 def test_only_the_grounded_history_agent_is_claimed_to_be_perfect() -> None:

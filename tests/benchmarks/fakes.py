@@ -11,8 +11,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pandas as pd
 
-from benchmarks.tasks import ProgressListener, ReferenceSpec, Work
+from benchmarks import registry
+from benchmarks.plan import Selection
+from benchmarks.tasks import ProgressListener, ReferenceSpec, Work, execute
 from bgn.results import schema
+from bgn.results.store import Store
 from bgn.training.cell import CellSpec, Progress, RunResult
 
 FAILING_AGENT, DYING_AGENT = "ah-cs", "ab-cb"
@@ -64,6 +67,24 @@ def save_policy(path: pathlib.Path, spec: CellSpec, tensors: Mapping[str, object
 def evaluate_reference(spec: ReferenceSpec) -> dict[str, float]:
     value = {"random": -1.0, "sarsop": 1.0}.get(spec.reference, 0.5)
     return {"return": value, "return_se": 0.01, "return_sd": 0.3}
+
+
+def fill(results: pathlib.Path, work: Work, *, domain: str, agent: str, reference: str) -> Store:
+    """Store two runs of a cell and the rows of a reference policy, in this process; returns the store."""
+    known = registry.load()
+    chosen = Selection(
+        registry=known,
+        budget="smoke",
+        preset=known.defaults.preset,
+        domains=(domain,),
+        agents=(agent,),
+        references=(reference,),
+        seeds=(0, 1),
+    )
+    store = chosen.store(results)
+    for task in chosen.tasks(chosen.requests(), store, "cpu"):
+        assert execute(task, work, lambda _: None) is None
+    return store
 
 
 def _result(spec: CellSpec, seed: int) -> RunResult:

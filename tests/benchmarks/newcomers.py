@@ -1,4 +1,4 @@
-"""An agent and two domains that the paper does not have, as a newcomer would add them."""
+"""An agent and two domains that the paper does not have, as a newcomer would add them (who will not call them this)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from bgn.domains import from_file
 from bgn.domains import registry as domain_registry
 
 #: An agent that sees the state.
-AS_CS = AgentSpec(id="as-cs", title="As-Cs", actor="state", critic="state")
+AS_CS = AgentSpec(id="example-as-cs", title="As-Cs", actor="state", critic="state")
 
 #: Tiger (Kaelbling et al. 1998), ended by opening a door.
 TIGER = """
@@ -49,12 +49,12 @@ from bgn.domains.registry import register
 from bgn.pomdp.model import MOMDP, POMDP, sparse_rows
 
 
-@register("coin")
+@register("example-coin")
 def coin() -> Domain:
     """Build Coin."""
     same = sparse_rows([{0: 1.0}, {1: 1.0}], 2)
     return Domain(
-        id="coin",
+        id="example-coin",
         title="Coin",
         family="classic",
         model=MOMDP(
@@ -83,7 +83,7 @@ extends = "shipped"
 [defaults]
 budget = "tiny"
 
-[domains.tiger]
+[domains.example-tiger]
 file = "tiger.pomdp"
 title = "Tiger"
 episode_limit = 20
@@ -91,12 +91,12 @@ metric = "greedy_return"
 tolerance = 1.0
 references = ["random", "sarsop"]
 
-[domains.coin]
+[domains.example-coin]
 metric = "train_return"
 tolerance = 0.1
 references = ["random", "sarsop"]
 
-[agents.as-cs]
+[agents.example-as-cs]
 
 [budgets.tiny]
 description = "a few hundred steps"
@@ -105,7 +105,7 @@ evaluation_episodes = 20
 physics_episodes = 0
 reference_episodes = 50
 planning_seconds = 1
-env_steps = { tiger = 800, coin = 800 }
+env_steps = { example-tiger = 480, example-coin = 480 }
 """
 
 

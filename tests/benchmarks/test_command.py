@@ -20,7 +20,8 @@ from bgn.results.store import Store
 from tests.benchmarks import fakes
 
 ROOT = pathlib.Path(__file__).parents[2]
-PRESET = registry.load().defaults.preset
+REGISTRY = registry.load()
+PRESET = REGISTRY.defaults.preset
 Capture = pytest.CaptureFixture[str]
 
 
@@ -50,7 +51,9 @@ def test_a_second_run_does_nothing_but_print(
     assert main([*command, "--jobs", "2"], work=fakes.WORKING) == 0
     first = capsys.readouterr().out
     runs = stored(tmp_path).read("runs")
-    assert len(runs) == 2 * 6 * 2
+    budget = REGISTRY.budgets["smoke"]
+    n_runs = 2 * len(REGISTRY.agents) * budget.seeds
+    assert len(runs) == n_runs
     assert set(runs["status"]) == {"ok"}
     assert len(stored(tmp_path).read("references")) == 4 * 2 + 5 * 2
     written = runs["finished_at"].max()
@@ -58,7 +61,8 @@ def test_a_second_run_does_nothing_but_print(
     assert main(command, work=fakes.BREAKING) == 0
     second = capsys.readouterr().out
     assert stored(tmp_path).read("runs")["finished_at"].max() == written
-    assert "42 of 42 runs and reference rows are done" in second
+    n = n_runs + 4 * 2 + 5 * 2
+    assert f"{n} of {n} runs and reference rows are done" in second
     tables = first[first.index("What the paper claims") :]
     assert second.endswith(tables)
     assert "Raw returns (paper, Table 7)" in tables

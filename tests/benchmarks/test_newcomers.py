@@ -24,7 +24,12 @@ from bgn.results.provenance import data_hash
 from bgn.results.store import Store
 from tests.benchmarks import fakes, newcomers
 
-CELLS = [("tiger", "ah-ch+bgn"), ("tiger", "as-cs"), ("coin", "ah-ch+bgn"), ("coin", "as-cs")]
+CELLS = [
+    ("example-tiger", "ah-ch+bgn"),
+    ("example-tiger", "example-as-cs"),
+    ("example-coin", "ah-ch+bgn"),
+    ("example-coin", "example-as-cs"),
+]
 
 
 @pytest.fixture(scope="module")
@@ -38,9 +43,15 @@ def added(tmp_path_factory: pytest.TempPathFactory) -> Iterator[pathlib.Path]:
 def results(added: pathlib.Path) -> pathlib.Path:
     """Everything trained and evaluated in this process, for a worker's knows only what is installed."""
     benchmark = registry.load(added)
-    names = ("ah-ch+bgn", "as-cs")
+    names = ("ah-ch+bgn", "example-as-cs")
     selection = Selection(
-        benchmark, "tiny", "calibrated", ("tiger", "coin"), names, ("random", "sarsop"), (0, 1)
+        benchmark,
+        "tiny",
+        "calibrated",
+        ("example-tiger", "example-coin"),
+        names,
+        ("random", "sarsop"),
+        (0, 1),
     )
     folder = added.parent / "results"
     for task in selection.tasks(selection.requests(), selection.store(folder), "cpu"):
@@ -60,7 +71,7 @@ def test_every_cell_has_its_verdict(stored: StoredEvidence) -> None:
     assert set(cells["reference_kind"]) == {"none"}
     assert cells["paper_mean"].isna().all()
     assert not cells["older_runs"].any()
-    for domain, best in (("tiger", 20.0), ("coin", 1.0)):
+    for domain, best in (("example-tiger", 20.0), ("example-coin", 1.0)):
         assert cells.loc[cells["domain"] == domain, "mean"].max() <= best
 
 
@@ -75,20 +86,20 @@ def test_tables_show_them(
         assert "Coin" in table
         assert "As-Cs" in table or title == "Reference policies"
     stored = pd.read_parquet(results / "tiny" / "calibrated" / "tables" / "normalised.parquet")
-    ours = stored[stored["agent"] == "as-cs"]
+    ours = stored[stored["agent"] == "example-as-cs"]
     assert ours["mean"].notna().all()  # on the scale of our own reference rows
     assert not ours["borrowed"].any()
-    assert set(ours.loc[ours["domain"] == "coin", "convention"]) == {"paper's", "consistent"}
+    assert set(ours.loc[ours["domain"] == "example-coin", "convention"]) == {"paper's", "consistent"}
 
 
 def test_status_counts_them(
     added: pathlib.Path, results: pathlib.Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command = ["status", "--registry", str(added), "--results", str(results)]
-    assert main([*command, "--agent", "ah-ch+bgn", "as-cs", "--reference", "random", "sarsop"]) == 0
+    assert main([*command, "--agent", "ah-ch+bgn", "example-as-cs", "--reference", "random", "sarsop"]) == 0
     text = capsys.readouterr().out
-    (tiger,) = (line for line in text.splitlines() if "tiger" in line)
-    (coin,) = (line for line in text.splitlines() if "coin" in line)
+    (tiger,) = (line for line in text.splitlines() if "example-tiger" in line)
+    (coin,) = (line for line in text.splitlines() if "example-coin" in line)
     assert tiger.count("2/2") == 3  # two agents, and random and SARSOP from a clean start
     assert coin.count("2/2") == 2
     assert coin.count("4/4") == 1
@@ -98,40 +109,55 @@ def test_status_counts_them(
 def test_figures_draw_them(stored: StoredEvidence) -> None:
     picture = Image.open(io.BytesIO(figures.learning_curves(stored, stored.curves))).convert("RGB")
     colours = np.asarray(picture).reshape(-1, 3) / 255
-    further = to_rgb(figures._FURTHER_COLOURS[0])
+    further = to_rgb(figures._colours(stored.agent_titles)["example-as-cs"])
     assert (np.abs(colours - further).max(axis=1) < 0.02).sum() > 50  # a line, not an edge
 
 
 def test_their_policies_act(stored: StoredEvidence) -> None:
-    policy = stored.policy("tiger/ah-ch+bgn/seed-1")
+    policy = stored.policy("example-tiger/ah-ch+bgn/seed-1")
     assert policy.act(2, None) in (0, 1, 2)
     assert policy.domain.title == "Tiger"
 
 
 def test_workers_know_domains_of_files(
-    added: pathlib.Path, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+    added: pathlib.Path,
+    tmp_path: pathlib.Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     """With the command itself: its workers are other processes."""
     newcomers.forget_domains(monkeypatch)
     path = newcomers.write_registry(tmp_path)
     text = path.read_text(encoding="utf-8")
     path.write_text(
-        text[: text.index("[domains.coin]")]
-        + text[text.index("[budgets.tiny]") :].replace(", coin = 800", "")
+        text[: text.index("[domains.example-coin]")]
+        + text[text.index("[budgets.tiny]") :].replace(", example-coin = 480", "")
     )
-    chosen = ["--domain", "tiger", "--agent", "ah-ch", "--reference", "random", "--seeds", "0", "--jobs", "1"]
+    chosen = [
+        "--domain",
+        "example-tiger",
+        "--agent",
+        "ah-ch",
+        "--reference",
+        "random",
+        "--seeds",
+        "0",
+        "--jobs",
+        "1",
+    ]
     command = ["run", "--registry", str(path), "--results", str(tmp_path / "results"), *chosen]
     assert main(command) == 0
     runs = Store(tmp_path / "results" / "tiny" / "calibrated").read("runs")
-    assert list(runs["run"]) == ["tiger/ah-ch/seed-0"]
-    assert list(runs["data_hash"]) == [data_hash(domains.get("tiger"))]
+    assert list(runs["run"]) == ["example-tiger/ah-ch/seed-0"]
+    assert list(runs["data_hash"]) == [data_hash(domains.get("example-tiger"))]
     assert main(command, work=fakes.BREAKING) == 0  # nothing is left to do
 
     file = tmp_path / "tiger.pomdp"
     file.write_text(file.read_text().replace("0.85", "0.75").replace("0.15", "0.25"))
-    assert main(["run", *command[1:]], work=fakes.WORKING) == 0
-    again = Store(tmp_path / "results" / "tiny" / "calibrated").read("runs")
-    assert list(again["data_hash"]) == [data_hash(domains.get("tiger"))] != list(runs["data_hash"])
+    assert main(["status", *command[1:-2]]) == 0
+    printed = capsys.readouterr().out
+    assert "0/1 (1 older)" in printed
+    assert "2 stored results are older: other domain tables" in printed
 
 
 def test_a_domain_outside_a_budget(
@@ -144,20 +170,22 @@ def test_a_domain_outside_a_budget(
         "budget 'tiny' does not include domain 'hallway'; give it steps, budgets.tiny.env_steps.hallway"
         in said
     )
-    assert "choose of tiger, coin" in said
+    assert "choose of example-tiger, example-coin" in said
     with pytest.raises(RegistryError, match="does not include"):
-        registry.load(added).cell("tiger", "ah-ch", budget="laptop", preset="calibrated")
+        registry.load(added).cell("example-tiger", "ah-ch", budget="laptop", preset="calibrated")
 
 
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('"tiger.pomdp"', '"lion.pomdp"', r"my\.toml: domains\.tiger\.file: cannot read .*lion\.pomdp: No such file"),
-        ("episode_limit = 20\n", "", r"my\.toml: domains\.tiger\.episode_limit: Field required"),
-        ("episode_limit = 20", "episode_limit = 0", r"domains\.tiger\.episode_limit: .*greater than or equal to 1"),
+        ('"tiger.pomdp"', '"lion.pomdp"', r"my\.toml: domains\.example-tiger\.file: cannot read .*lion\.pomdp.*No"),
+        ('"tiger.pomdp"', '"ti\\u0000ger"', r"my\.toml: domains\.example-tiger\.file: cannot read .*null"),
+        ('"tiger.pomdp"', '"."', r"my\.toml: domains\.example-tiger\.file: cannot read .*directory"),
+        ("episode_limit = 20\n", "", r"my\.toml: domains\.example-tiger\.episode_limit: Field required"),
+        ("episode_limit = 20", "episode_limit = 0", r"example-tiger\.episode_limit: .*greater than or equal to 1"),
         ("episode_limit = 20", "episode_limit = 20\nreport_discount = 2.0", r"tiger\.report_discount: .*less than"),
-        ("episode_limit = 20", "episode_limits = 20", r"domains\.tiger\.episode_limits: unknown key"),
-        ("[domains.tiger]", "[domains.hallway]", r"domains\.hallway\.file: .*built by a module"),
+        ("episode_limit = 20", "episode_limits = 20", r"domains\.example-tiger\.episode_limits: unknown key"),
+        ("[domains.example-tiger]", "[domains.hallway]", r"domains\.hallway\.file: .*built by a module"),
     ],
 )  # fmt: skip
 def test_wrong_entries_name_file_and_key(
@@ -165,7 +193,9 @@ def test_wrong_entries_name_file_and_key(
 ) -> None:
     path = newcomers.write_registry(tmp_path)
     text = path.read_text(encoding="utf-8").replace(old, new, 1)
-    path.write_text(text.replace("tiger = 800", f"{'hallway' if 'hallway' in new else 'tiger'} = 800"))
+    path.write_text(
+        text.replace("example-tiger = 480", f"{'hallway' if 'hallway' in new else 'example-tiger'} = 480")
+    )
     with pytest.raises(RegistryError, match=message):
         registry.load(path)
 
@@ -174,7 +204,7 @@ def test_a_wrong_file_is_named_with_its_line(added: pathlib.Path, tmp_path: path
     path = newcomers.write_registry(tmp_path)
     file = tmp_path / "tiger.pomdp"
     file.write_text(file.read_text().replace("0.85 0.15", "0.85 0.25", 1))
-    with pytest.raises(RegistryError, match=r"my\.toml: domains\.tiger\.file: .*tiger\.pomdp"):
+    with pytest.raises(RegistryError, match=r"my\.toml: domains\.example-tiger\.file: .*tiger\.pomdp"):
         registry.load(path)
 
 

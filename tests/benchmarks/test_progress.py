@@ -60,7 +60,7 @@ def test_bars_in_a_terminal(tmp_path: pathlib.Path) -> None:
 def test_everything_is_missing_in_an_empty_store(tmp_path: pathlib.Path) -> None:
     selection = select("top-plate", ("ah-ch",), (0,))
     found = statuses(selection.requests(), Store(tmp_path))
-    assert [str(status.request.id) for status in found] == [
+    assert [status.request.run for status in found] == [
         "top-plate/ah-ch/seed-0",
         "top-plate/random/clean",
     ]

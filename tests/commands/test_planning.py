@@ -4,12 +4,12 @@ import stat
 import numpy as np
 import pytest
 
-import bgn.pomdp
 from bgn import __main__ as command_line
 from bgn.commands import solve
 from bgn.planning import policy_file
 from bgn.planning.appl import solve_with_appl
 from bgn.planning.sarsop import PlanningError
+from bgn.pomdp import reader, writer
 from tests.planning.models import guess, tiger
 
 TIGER = """# Kaelbling's tiger, by hand
@@ -143,7 +143,7 @@ def test_pomdpsol_is_run_on_an_absorbing_file(monkeypatch, tmp_path):
     program.chmod(program.stat().st_mode | stat.S_IXUSR)
     monkeypatch.setenv("PATH", str(tmp_path), prepend=":")
     solution = solve_with_appl(guess(), precision=1e-3, timeout=9)
-    given = bgn.pomdp.load(kept)
+    given = reader.load(kept)
     assert not given.reset.any()
     assert given.transitions[1].toarray()[:, 2].tolist() == [1, 1, 1]
     assert "--precision 0.001 --timeout 9 --output" in (tmp_path / "given.pomdp.arguments").read_text()
@@ -168,7 +168,7 @@ def test_the_converted_file_keeps_the_optimum(capsys, tmp_path):
     from bgn.planning.episodic import without_resets
 
     path = tmp_path / "guess.pomdp"
-    bgn.pomdp.save(without_resets(guess()), path)
+    writer.save(without_resets(guess()), path)
     code, text, _ = run(capsys, "solve", path, "--precision", "1e-6", "--json")
     assert code == 0
     assert json.loads(text)["lower"] == pytest.approx(0.62, abs=2e-6)

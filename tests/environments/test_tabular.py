@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import subprocess
 import sys
 
@@ -14,7 +15,7 @@ from bgn import domains
 from bgn.environments.registration import environment_id as id_of
 from bgn.environments.tabular import TableEnvironment
 from bgn.pictures.maps import AGENT, CELL, WALL
-from bgn.pomdp import update
+from bgn.pomdp.belief import update
 
 EAST, CHECK = 1, 4
 TABLE_ENVIRONMENTS = {
@@ -31,7 +32,7 @@ def test_gymnasium_accepts_it_without_a_warning(environment_id):
 @ALL
 def test_the_step_limit_is_the_domains(environment_id):
     domain = domains.get(TABLE_ENVIRONMENTS[environment_id])
-    assert gymnasium.spec(environment_id).max_episode_steps == domain.episode_limit == 100
+    assert gymnasium.spec(environment_id).max_episode_steps == domain.episode_limit
 
 
 @ALL
@@ -146,13 +147,17 @@ def test_bad_use_is_refused():
     env.reset(seed=0)
     with pytest.raises(InvalidAction, match=r"action 5 is not in 0\.\.4"):
         env.step(5)
-    with pytest.raises(ValueError, match="no render mode 'human'"):
+    with pytest.raises(
+        ValueError, match="no render mode 'human' for hallway; expected 'ansi' or 'rgb_array'"
+    ):
         TableEnvironment("hallway", render_mode="human")
     with pytest.raises(ValueError, match="two-bumps-1d has an observed part"):
         TableEnvironment("two-bumps-1d")
 
 
-@ALL
+@pytest.mark.parametrize(
+    "environment_id", [i for i, d in TABLE_ENVIRONMENTS.items() if domains.get(d).layout]
+)
 def test_pictures(environment_id):
     env = gymnasium.make(environment_id, render_mode="rgb_array", hidden_first_action=False)
     env.reset(seed=2)
@@ -189,6 +194,16 @@ def test_text():
         "######",
     ]
     assert lines[6].endswith("after east, observing ogood; belief in the true state 0.062")
+
+
+def test_a_domain_without_a_map_is_told_in_words(monkeypatch):
+    domain = dataclasses.replace(domains.get("hallway"), layout=None)
+    monkeypatch.setattr(domains.registry, "get", lambda _: domain)
+    with pytest.raises(ValueError, match="no render mode 'rgb_array' for hallway; expected 'ansi'"):
+        TableEnvironment("hallway", render_mode="rgb_array")
+    env = TableEnvironment("hallway", render_mode="ansi", hidden_first_action=False)
+    env.reset(seed=0)
+    assert "after none, observing none; belief in the true state" in env.render()
 
 
 def test_importing_the_package_is_cheap():

@@ -8,9 +8,10 @@ import safetensors.torch
 import torch
 
 from bgn import domains
+from bgn.agents import specs
 from bgn.agents.hyperparameters import Hyperparameters
 from bgn.agents.networks import AgentNetworks
-from bgn.agents.specs import AGENTS
+from bgn.agents.specs import AGENTS, AgentSpec
 from bgn.policies.saved import Policy, PolicyFileError, describe, save_policy
 from bgn.simulation.table_world import START_VARIATES, STEP_VARIATES, TableWorld
 
@@ -59,7 +60,8 @@ def replay(networks, policy, *, steps=40, seed=0, hidden_first_action=None):
         world.step(torch.tensor([action]), step, world.openings(start))
 
 
-CASES = [(a, d, {}) for a in AGENTS for d in ("hallway", "top-plate")]
+#: Whoever can act on a history.
+CASES = [(a, d, {}) for a in AGENTS if AGENTS[a].actor != "state" for d in ("hallway", "top-plate")]
 CASES += [
     (a, d, {"variant": "authors"})
     for a in ("ah-ch+bgn", "ab-cb")
@@ -196,3 +198,12 @@ def test_missing_and_misshapen_parameters_are_named(tmp_path):
     rewritten(path, tensors=tensors)
     with pytest.raises(PolicyFileError, match=r"actor.head.bias.*\(6,\): expected \(5,\)"):
         Policy.load(path)
+
+
+def test_who_acts_on_the_state_cannot_act_on_a_history(tmp_path, monkeypatch):
+    seer = AgentSpec(id="as-cs", title="As-Cs", actor="state", critic="state")
+    monkeypatch.setattr(specs, "AGENTS", {**AGENTS, "as-cs": seer})
+    networks = AgentNetworks(seer, domains.get("hallway"), Hyperparameters(), (5,), torch.device("cpu"))
+    tensors = {name: networks.parameters[name][0] for name in networks.actor_parameters()}
+    with pytest.raises(PolicyFileError, match="as-cs acts on the state, which no history shows"):
+        Policy(tensors, domains.get("hallway"), "as-cs", Hyperparameters())

@@ -6,7 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bgn import domains
-from bgn.pomdp import ModelError, PomdpFormatError, dumps, load, loads, save
+from bgn.pomdp.errors import PomdpFormatError
+from bgn.pomdp.model import ModelError
+from bgn.pomdp.reader import load, loads
+from bgn.pomdp.writer import dumps, save
 from tests.pomdp._models import models, random_model
 
 TIGER = """\

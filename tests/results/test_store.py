@@ -6,7 +6,8 @@ import pandas as pd
 import pyarrow as pa
 import pytest
 
-from bgn.results.store import Store, StoreError, write_atomically, write_bytes
+from bgn.results.atomic import write_atomically, write_bytes
+from bgn.results.store import Store, StoreError
 
 RUN = "hallway/ah-ch+bgn/seed-3"
 
