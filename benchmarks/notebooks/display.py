@@ -134,9 +134,10 @@ def overview() -> None:
     if found.empty:
         frame(found)
         return
-    found["what"] = [
-        f"{r.runs} runs of {r.agents} agents, {r.env_steps / 1e6:g} M" for r in found.itertuples()
-    ]
+    steps = (found["env_steps"] / 1e6).map("{:g} M".format)
+    found["what"] = (
+        found["runs"].map("{} runs of ".format) + found["agents"].map("{} agents, ".format) + steps
+    )
     order = list(dict.fromkeys(registry.load().domains))
     wide = found.pivot(index=["preset", "budget"], columns="domain", values="what")
     wide = wide[[domain for domain in order if domain in wide]].fillna("")

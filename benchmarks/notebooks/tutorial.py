@@ -64,7 +64,7 @@ def curves(results: Results) -> Figure:
     figure, (axes,) = style.panels(1, panel=(5.2, 2.8))
     for agent, runs in results.items():
         line = band([run.curve for run in runs], "return_100")
-        axes.plot(line["env_steps"], line["mean"], label=agent, **style.line(agent, tuple(results)))  # type: ignore[arg-type]
+        axes.plot(line["env_steps"], line["mean"], label=agent, **style.line(agent, tuple(results)))
         tint = style.colour(agent, tuple(results))
         axes.fill_between(line["env_steps"], line["low"], line["high"], color=tint, alpha=0.13, linewidth=0)
     style.plain(axes, "", "environment steps", "return, last 100 episodes")

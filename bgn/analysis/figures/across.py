@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -60,7 +61,7 @@ def performance_profiles(scores: Scores, titles: Mapping[str, str]) -> Figure:
                     profile["share"],
                     label=titles[agent] + missing,
                     **style.line(agent, tuple(titles)),
-                )  # type: ignore[arg-type]
+                )
                 axes.fill_between(
                     profile["level"],
                     profile["low"],
@@ -270,8 +271,12 @@ def _opening_lines(
     for agent in paper.AGENTS:
         printed = paper.RETURNS.get((domain.id, agent))
         if printed:
-            look = {"marker": style.MARKERS[agent], "color": style.COLOURS[agent], "linestyle": "none"}
-            axes.plot(2, printed.mean, markersize=6, label=titles.get(agent, agent), **look)  # type: ignore[arg-type]
+            look: dict[str, Any] = {
+                "marker": style.MARKERS[agent],
+                "color": style.COLOURS[agent],
+                "linestyle": "none",
+            }
+            axes.plot(2, printed.mean, markersize=6, label=titles.get(agent, agent), **look)
 
 
 def _count(scores: Scores, titles: Mapping[str, str], family: str) -> int:

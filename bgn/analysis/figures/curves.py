@@ -123,7 +123,7 @@ def _draw(
         line = band(scores.cell_curves((domain.id, agent)), column, within)
         if len(line):
             look = style.line(agent, agents)
-            axes.plot(line["env_steps"], line["mean"], label=titles[agent], **look)  # type: ignore[arg-type]
+            axes.plot(line["env_steps"], line["mean"], label=titles[agent], **look)
             axes.fill_between(
                 line["env_steps"],
                 line["low"],

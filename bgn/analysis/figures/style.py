@@ -6,7 +6,7 @@ import io
 import math
 import pathlib
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from matplotlib import rc_context
@@ -54,7 +54,7 @@ def colour(agent: str, agents: Sequence[str] = ()) -> str:
     return _SPARE[others.index(agent) % len(_SPARE)]
 
 
-def line(agent: str, agents: Sequence[str] = ()) -> dict[str, object]:
+def line(agent: str, agents: Sequence[str] = ()) -> dict[str, Any]:
     """Return how an agent's curve is drawn, as matplotlib's keywords."""
     grounded = agent.endswith("+bgn")
     return {
