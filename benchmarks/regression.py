@@ -235,7 +235,6 @@ def _table(found: Sequence[Comparison], options: argparse.Namespace, minutes: fl
             f"{one.difference:+.3f}" if one.runs else BLANK,
             f"{one.p:.2g}" if one.p == one.p else BLANK,
             one.outcome,
-            f"{one.cpu_seconds:.0f} s",
         ]
         for one in found
     ]
@@ -244,9 +243,9 @@ def _table(found: Sequence[Comparison], options: argparse.Namespace, minutes: fl
         f"Against {options.against}, budget {options.budget}, preset {options.preset}; mean ± sd (runs).",
         f"Two stages: {rule.screening_seeds} fresh seeds more than {rule.screening_sds:g} sd below, then "
         f"{rule.confirming_seeds} others at p < {rule.level:g}. {minutes:.1f} minutes in all.",
-        *(f"{one.cell}: {one.why}." for one in found),
+        *(f"{one.cell}: {one.why}; {one.cpu_seconds:.0f} CPU seconds." for one in found),
     ]
-    columns = ["Cell", "Reference", "Now", "Change", "p", "Verdict", "CPU"]
+    columns = ["Cell", "Reference", "Now", "Change", "p", "Verdict"]
     return TextTable("Regression", columns, rows, notes, labels=1)
 
 

@@ -75,14 +75,8 @@ def test_a_second_run_does_nothing_but_print(
     everything = capsys.readouterr().out
     assert "Normalised returns (paper, Table 8)" in everything
     assert max(map(len, everything.splitlines())) <= 100
-    for form, sign in {
-        "md": "| Agent |",
-        "csv": "Agent,,Hallway",
-        "html": "<table>",
-        "latex": r"\toprule",
-    }.items():
-        assert main([*show, "--format", form]) == 0
-        assert sign in capsys.readouterr().out
+    assert main([*show, "--format", "csv"]) == 0
+    assert "Agent,,Hallway" in capsys.readouterr().out
 
 
 def test_failures_are_rows_and_the_rest_goes_on(
