@@ -1,6 +1,6 @@
-"""Everything one does with this project: ``nox -s reproduce``, ``tests``, ``notebooks``, ``regress`` and more.
+"""Everything one does with this project; ``nox -l`` lists the sessions.
 
-All sessions share one virtual environment: torch is large, and is installed once.
+All sessions but one share one virtual environment: torch is large, and is installed once. ``other_torch`` has its own.
 """
 
 from __future__ import annotations
@@ -9,16 +9,29 @@ import hashlib
 import os
 import pathlib
 import sys
+import tomllib
 from collections.abc import Mapping
 from types import MappingProxyType
 
 import nox
+from nox.command import CommandFailed
 
 nox.options.sessions = ["lint", "tests"]
 
 ROOT = pathlib.Path(__file__).parent
 ENVIRONMENT = ROOT / ".nox" / "bgn"
 PROGRAMS = ENVIRONMENT / "bin"
+#: A version that GPU machines are known to have.
+OTHER_TORCH = "2.11.0"
+#: What an update is made of.
+UPDATE_TESTS = (
+    "tests/agents",
+    "tests/training/learners",
+    *(
+        f"tests/training/test_{name}.py"
+        for name in ("cuda", "devices", "graph_safety", "layouts", "update_runner")
+    ),
+)
 
 
 @nox.session(venv_backend="none")
@@ -31,6 +44,12 @@ def reproduce(session: nox.Session) -> None:
 def tests(session: nox.Session) -> None:
     """Run the tests; arguments as pytest's."""
     run(session, "pytest", *session.posargs)
+
+
+@nox.session(venv_backend="none")
+def torture(session: nox.Session) -> None:
+    """Kill, damage and soak for an hour or so; ``-- --soak SECONDS`` (300), or pytest's arguments."""
+    run(session, "pytest", "--torture", "-s", "tests/hostile", "tests/crash", *session.posargs)
 
 
 @nox.session(venv_backend="none")
@@ -73,6 +92,31 @@ def speed(session: nox.Session) -> None:
     options = ("-q", "-o", "addopts=", "--benchmark-only", "--benchmark-columns=min,median,iqr,rounds")
     run(session, "pytest", *options, report, *suite, *session.posargs)
     run(session, "python", "-m", "benchmarks.speed", "table")
+
+
+@nox.session(venv_backend="none")
+def gpu(session: nox.Session) -> None:
+    """Check training on a GPU: equal to the CPU, graph equal to eager, cells at once; arguments such as --quick."""
+    run(session, "python", "-m", "benchmarks.gpu_check", *session.posargs)
+
+
+@nox.session(venv_backend="none")
+def other_torch(session: nox.Session) -> None:
+    """Run the tests of an update with another torch than the pinned one, as GPU machines may have it."""
+    environment = ROOT / ".nox" / f"torch-{OTHER_TORCH}"
+    python = str(environment / "bin" / "python")
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    others = [name for name in project["project"]["dependencies"] if not name.startswith("torch")]
+    try:
+        session.run(sys.executable, "-m", "venv", str(environment), external=True)
+        session.run(
+            *(python, "-m", "pip", "install", "--quiet", f"torch=={OTHER_TORCH}"),
+            *(*others, *project["dependency-groups"]["test"]),
+            external=True,
+        )
+    except CommandFailed:
+        session.skip(f"torch {OTHER_TORCH} cannot be installed here; it takes several gigabytes and internet")
+    session.run(python, "-m", "pytest", *UPDATE_TESTS, *session.posargs, external=True)
 
 
 def run(

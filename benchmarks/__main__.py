@@ -1,27 +1,40 @@
-"""The command line: ``python -m benchmarks run | status | tables | measure``."""
+"""The command line: ``python -m benchmarks run | status | tables | measure | merge | export | verify``.
+
+Exit status: 0, all is done; 1, something is missing or failed; 2, wrong options or an unusable store; 3, nothing
+more can be written (disk full or read-only); 130, 143, 129: stopped by Ctrl-C, SIGTERM or SIGHUP, with
+checkpoints written. A call whose ``--time-limit`` is up ends like any other, with checkpoints written.
+"""
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import math
 import os
 import pathlib
 import sys
+import time
 from collections.abc import Generator, Mapping, Sequence
 
 from rich.console import Console
 
-from benchmarks import adoption, plan, progress, registry, report
-from benchmarks.events import Event
-from benchmarks.executors import processes, streams
+from benchmarks import adoption, plan, progress, registry, report, sharing
+from benchmarks.events import Event, Idle
+from benchmarks.executors import beside, processes, streams
 from benchmarks.plan import Selection, State
-from benchmarks.registry import Registry, RegistryError
+from benchmarks.registry import Registry
+from benchmarks.signals import Stopped, stoppable
 from benchmarks.tasks import CellTask, ReferenceTask, Task, Work
-from bgn.domains import UnknownDomainError
 from bgn.errors import BgnError
-from bgn.results.store import StoreError
+from bgn.results import quarantine
+from bgn.results.store import StorageError, writing_to
+from bgn.training.physics_evaluation import has_physics
 
-_FAILED, _USAGE, _INTERRUPTED = 1, 2, 130
+_FAILED, _USAGE, _STORAGE = 1, 2, 3
+#: Seconds between looks at the clock, and at the other executor.
+_TICK = 0.05
+#: Cores that the threads of a GPU's cells keep busy.
+_CORES_OF_A_GPU = 2
 _FORMS: Mapping[str, report.Form] = {"md": "markdown", "csv": "csv", "html": "html", "latex": "latex"}
 
 
@@ -33,50 +46,100 @@ def main(arguments: Sequence[str] | None = None, *, work: Work = Work()) -> int:
     """Run a command; return its exit status."""
     console = Console() if sys.stdout.isatty() else Console(width=report.TABLE_WIDTH)
     try:
-        benchmark = registry.load(_registry_path(arguments))
-        options = _parser(benchmark).parse_args(arguments)
-        selection = _select(benchmark, options)
-        if options.command == "run":
-            _check_device(options.device)
-            return _run(selection, options, work, console)
-        show = {"status": _show_status, "tables": _show_tables, "measure": _measure}[options.command]
-        return show(selection, options, console)
-    except (RegistryError, StoreError, UnknownDomainError, DeviceError) as error:
+        with stoppable():
+            benchmark = registry.load(_registry_path(arguments))
+            options = _parser(benchmark).parse_args(arguments)
+            return _command(benchmark, options, work, console)
+    except BgnError as error:
         print(f"error: {error}", file=sys.stderr)
-        return _USAGE
-    except KeyboardInterrupt:
-        print("interrupted; the same command goes on where this one stopped", file=sys.stderr)
-        return _INTERRUPTED
+        return _STORAGE if isinstance(error, StorageError) else _USAGE
+    except Stopped as stop:
+        print(f"stopped by {stop.signal.name}; the same command goes on from here", file=sys.stderr)
+        return stop.exit_status
+
+
+def _command(benchmark: Registry, options: argparse.Namespace, work: Work, console: Console) -> int:
+    if options.command in sharing.COMMANDS:
+        return sharing.run(options, work, console)
+    selection = _select(benchmark, options)
+    if options.command == "run":
+        _check_device(options)
+        return _run(selection, options, work, console)
+    show = {"status": _show_status, "tables": _show_tables, "measure": _measure}[options.command]
+    return show(selection, options, console)
 
 
 def _run(selection: Selection, options: argparse.Namespace, work: Work, console: Console) -> int:
     store = selection.store(options.results)
     requests = selection.requests()
-    with store.lock():
-        missing = [s.request for s in plan.statuses(requests, store) if s.state is not State.CURRENT]
+    with store.lock(), writing_to(store.root):
+        for damage in quarantine.sweep(store):
+            print(f"{damage}; its run is computed anew", file=sys.stderr)
+        found = plan.statuses(requests, store)
+        missing = [s.request for s in found if s.state not in (State.CURRENT, State.INCOMPLETE)]
         adopted = adoption.adopt(missing, store, options.results)
         missing = [request for request in missing if request not in adopted]
         tasks = selection.tasks(missing, store, options.device)
-        done = len(requests) - len(missing)
+        done = len(requests) - len(missing) - sum(status.state is State.INCOMPLETE for status in found)
         console.print(f"{done} of {len(requests)} runs and reference rows are done.", highlight=False)
-        if tasks:
-            events = _execute(tasks, options, work)
-            with progress.display(tasks, console) as display, contextlib.closing(events):
-                for event in events:
-                    display.note(event)
+        clock = _Clock(options.time_limit)
+        _show(tasks, _execute(tasks, options, work), clock, console)
+        if has_physics():
+            found = plan.statuses(requests, store)
+            incomplete = [s.request for s in found if s.state is State.INCOMPLETE]
+            tasks = selection.physics_tasks(incomplete, store)
+            _show(tasks, processes.run_tasks(tasks, jobs=options.jobs, work=work, tick=_TICK), clock, console)
+        if clock.is_up():
+            print("time is up; the same command goes on from here", file=sys.stderr)
     statuses = plan.statuses(requests, store)
-    report.show_tables(selection, store, console)
+    with writing_to(store.root):
+        report.show_tables(selection, store, console)
     if all(status.state is State.CURRENT for status in statuses):
         return 0
     report.show_missing(statuses, console)
     return _FAILED
 
 
-def _check_device(device: str) -> None:
-    if device == "cpu":
+class _Clock:
+    """Says when the time of a call is up."""
+
+    def __init__(self, seconds: float | None) -> None:
+        self._end = math.inf if seconds is None else time.monotonic() + seconds
+
+    def is_up(self) -> bool:
+        return time.monotonic() >= self._end
+
+
+def _show(tasks: Sequence[Task], events: Generator[Event | Idle], clock: _Clock, console: Console) -> None:
+    """Show what happens until all is done or time is up; then stop the workers, which leave checkpoints."""
+    if not tasks or clock.is_up():
+        return
+    with progress.display(tasks, console) as display, contextlib.closing(events):
+        for event in events:
+            if clock.is_up():
+                return
+            if not isinstance(event, Idle):
+                display.note(event)
+
+
+def _check_device(options: argparse.Namespace) -> None:
+    """Look for the GPU that is asked for, and settle how many cells it gets.
+
+    Raises
+    ------
+    DeviceError
+        There is none, or it cannot have so many cells.
+    """
+    if options.device == "cpu":
+        options.jobs = options.jobs or _cores()
         return
     import torch  # imported here because it takes seconds, and only workers need it otherwise
 
+    from bgn.training.cuda import MAX_CELLS
+
+    options.jobs = options.jobs or min(_cores(), MAX_CELLS)
+    if options.jobs > MAX_CELLS:
+        raise DeviceError(f"--jobs {options.jobs}: a GPU runs at most {MAX_CELLS} cells side by side")
     if not torch.cuda.is_available():
         build = torch.version.cuda or "none, this is a build for the CPU"
         raise DeviceError(
@@ -84,15 +147,17 @@ def _check_device(device: str) -> None:
         )
 
 
-def _execute(tasks: Sequence[Task], options: argparse.Namespace, work: Work) -> Generator[Event]:
-    """Do all tasks: on the CPU in processes; on a GPU the cells in threads, the planners before them."""
+def _execute(tasks: Sequence[Task], options: argparse.Namespace, work: Work) -> Generator[Event | Idle]:
+    """Do all tasks: on the CPU in processes; on a GPU the cells in threads, planners in processes beside them."""
     if options.device == "cpu":
-        yield from processes.run_tasks(tasks, jobs=options.jobs, work=work)
-        return
+        return processes.run_tasks(tasks, jobs=options.jobs, work=work, tick=_TICK)
     planners = [task for task in tasks if isinstance(task, ReferenceTask)]
     cells = [task for task in tasks if isinstance(task, CellTask)]
-    yield from processes.run_tasks(planners, jobs=options.jobs, work=work)
-    yield from streams.run_tasks(cells, jobs=options.jobs, work=work)
+    cores = max(1, _cores() - _CORES_OF_A_GPU)
+    return beside(
+        streams.run_tasks(cells, jobs=options.jobs, work=work, tick=_TICK),
+        processes.run_tasks(planners, jobs=cores, work=work, tick=_TICK),
+    )
 
 
 def _show_status(selection: Selection, options: argparse.Namespace, console: Console) -> int:
@@ -103,7 +168,8 @@ def _show_status(selection: Selection, options: argparse.Namespace, console: Con
 
 def _show_tables(selection: Selection, options: argparse.Namespace, console: Console) -> int:
     store = selection.store(options.results)
-    report.show_tables(selection, store, console, everything=options.all, form=_FORMS.get(options.format))
+    with writing_to(store.root):
+        report.show_tables(selection, store, console, everything=options.all, form=_FORMS.get(options.format))
     return 0
 
 
@@ -112,7 +178,7 @@ def _measure(selection: Selection, options: argparse.Namespace, console: Console
 
     wanted = [d for d in selection.domains if selection.registry.domains[d].authors_metric]
     store = selection.store(options.results)
-    with store.lock():
+    with writing_to(store.root), store.lock():
         measured = authors_evaluation.measure(store, wanted)
     console.print(f"Measured {measured} policies of {', '.join(wanted)}.", highlight=False)
     return 0
@@ -170,8 +236,17 @@ def _parser(benchmark: Registry) -> argparse.ArgumentParser:
         _add_store(command, benchmark)
     for command in (run, status):
         _add_selection(command, benchmark)
+    sharing.add_commands(commands, benchmark.defaults)
     run.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="where to train (default: cpu)")
-    run.add_argument("--jobs", type=_positive, default=_cores(), help="cells side by side (default: cores)")
+    run.add_argument(
+        "--jobs", type=_positive, help="cells side by side (default: cores; on a GPU at most 31)"
+    )
+    run.add_argument(
+        "--time-limit",
+        type=parse_duration,
+        metavar="TIME",
+        help="stop after a time such as 540, 9m or 1.5h, with checkpoints written; the same command goes on",
+    )
     return parser
 
 
@@ -211,6 +286,19 @@ def parse_seeds(text: str) -> tuple[int, ...]:
 def _cores() -> int:
     """Return how many cores this process may use (macOS cannot tell, and has them all)."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def parse_duration(text: str) -> float:
+    """Read seconds (``540``), minutes (``9m``) or hours (``1.5h``); returns seconds."""
+    units = {"s": 1.0, "m": 60.0, "h": 3600.0}
+    number, unit = (text[:-1], text[-1]) if text[-1:] in units else (text, "s")
+    try:
+        seconds = float(number) * units[unit]
+    except ValueError:
+        seconds = math.nan
+    if not 0 < seconds < math.inf:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a time; write seconds, or 9m or 1.5h")
+    return seconds
 
 
 def _positive(text: str) -> int:

@@ -10,12 +10,12 @@ import pathlib
 from collections.abc import Iterator, Sequence
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from benchmarks.plan import Request
 from bgn.results import schema
 from bgn.results.atomic import write_bytes
-from bgn.results.store import Store, write_parquet
+from bgn.results.quarantine import damage_of_run
+from bgn.results.store import Store, read_shard, write_parquet
 
 
 def adopt(requests: Sequence[Request], store: Store, results: pathlib.Path) -> list[Request]:
@@ -37,9 +37,9 @@ def _stores(results: pathlib.Path) -> Iterator[Store]:
 def _adopt(request: Request, store: Store, others: Sequence[Store]) -> bool:
     for other in others:
         shard = other.shard(request.kind, request.run)
-        if not shard.is_file():
+        if not shard.is_file() or damage_of_run(other, request.kind, request.run):
             continue
-        row = pq.read_table(shard)
+        row = read_shard(shard)
         if row["status"].to_pylist() == ["ok"] and row["key"].to_pylist() == [request.origin.key]:
             _copy(request, row, other, store)
             return True
@@ -52,7 +52,7 @@ def _copy(request: Request, row: pa.Table, source: Store, store: Store) -> None:
     if policy.is_file():
         write_bytes(store.policy(request.run), policy.read_bytes())
     if request.kind == "runs":
-        write_parquet(store.shard("curves", request.run), pq.read_table(source.shard("curves", request.run)))
+        write_parquet(store.shard("curves", request.run), read_shard(source.shard("curves", request.run)))
     store.write(request.kind, request.run, under(row, store, taken_from=name_of(source)))
 
 

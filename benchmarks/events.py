@@ -31,4 +31,9 @@ class Finished:
     failure: Failure | None
 
 
+@dataclass(frozen=True)
+class Idle:
+    """Nothing happened for a while: another executor, or a clock, may have its turn."""
+
+
 Event = Started | Advanced | Finished

@@ -10,13 +10,13 @@ from dataclasses import dataclass
 import pandas as pd
 
 from benchmarks.registry import Registry
-from benchmarks.tasks import CellTask, ReferenceSpec, ReferenceTask, Task
+from benchmarks.tasks import CellTask, PhysicsTask, ReferenceSpec, ReferenceTask, Task
 from bgn import domains
 from bgn.domains import Domain, from_file
 from bgn.results import provenance
 from bgn.results.provenance import Origin
 from bgn.results.run_ids import CellId, ReferenceId, RunId
-from bgn.results.schema import CLEAN, HIDDEN, Convention
+from bgn.results.schema import CLEAN, HIDDEN, OUTCOME, Convention
 from bgn.results.store import Kind, Store
 from bgn.training.cell import CellSpec
 
@@ -28,6 +28,8 @@ class State(enum.Enum):
     """How far a request is."""
 
     CURRENT = "done"
+    INCOMPLETE = "incomplete"
+    """There is a result, which lacks what this machine may be able to add."""
     STALE = "older"
     """There is a result, but of other code, settings or domain tables."""
     FAILED = "failed"
@@ -97,6 +99,24 @@ class Selection:
             )
         tasks = [self._task(members, store, device) for members in stacks.values()]
         return sorted(tasks, key=lambda task: -task.cost)
+
+    def physics_tasks(self, requests: Sequence[Request], store: Store) -> list[Task]:
+        """Return the tasks that fill in the physics of incomplete rows, the seeds of a cell in one."""
+        stacked = self.tasks(requests, store, "cpu")
+        return [
+            PhysicsTask(
+                origin=task.origin,
+                budget=task.budget,
+                preset=task.preset,
+                store=task.store,
+                cost=float(task.spec.physics_episodes * len(task.seeds)),
+                declared=task.declared,
+                spec=task.spec,
+                seeds=task.seeds,
+            )
+            for task in stacked
+            if isinstance(task, CellTask)
+        ]
 
     def _runs(self, domain: str) -> Iterator[Request]:
         data = provenance.data_hash(domains.get(domain))
@@ -176,7 +196,8 @@ def statuses(requests: Sequence[Request], store: Store) -> list[Status]:
 def _by_run(rows: pd.DataFrame) -> dict[str, list[Mapping[str, str]]]:
     if rows.empty:
         return {}
-    columns = ["run", "status", "error", "traceback", "key", "spec_hash", "code_hash", "data_hash"]
+    columns = ["run", *OUTCOME, "key", "spec_hash", "code_hash", "data_hash"]
+    rows = rows.assign(**{name: None for name in OUTCOME if name not in rows})  # rows of older versions
     grouped: dict[str, list[Mapping[str, str]]] = {}
     for row in rows[columns].to_dict("records"):
         grouped.setdefault(row["run"], []).append({str(name): value for name, value in row.items()})
@@ -185,8 +206,13 @@ def _by_run(rows: pd.DataFrame) -> dict[str, list[Mapping[str, str]]]:
 
 def _status(request: Request, rows: Sequence[Mapping[str, str]]) -> Status:
     current = [row for row in rows if row["key"] == request.origin.key]
-    if any(row["status"] == "ok" for row in current):
-        return Status(request, State.CURRENT)
+    for row in current:
+        if row["status"] == "ok":
+            missing = row["missing"]
+            incomplete = isinstance(missing, str)  # pandas knows several kinds of nothing
+            return (
+                Status(request, State.INCOMPLETE, missing) if incomplete else Status(request, State.CURRENT)
+            )
     if current:
         return Status(request, State.FAILED, current[0]["error"], current[0]["traceback"])
     for row in rows:

@@ -46,7 +46,7 @@ class RegistryError(BgnError, ValueError):
 
 
 class _Entry(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
 _FIELDS: dict[str, Any] = {name: (hint, ...) for name, hint in get_type_hints(Hyperparameters).items()}
@@ -116,7 +116,7 @@ class Budget(_Entry):
     """How long to train, how many seeds, how thoroughly to evaluate."""
 
     description: str
-    seeds: int = Field(ge=1)
+    seeds: int = Field(ge=1, le=10_000)
     evaluation_episodes: int = Field(ge=2)
     physics_episodes: int = Field(ge=0)
     reference_episodes: int = Field(ge=2)
@@ -163,6 +163,7 @@ class Registry(_Entry):
     @classmethod
     def _inherit(cls, data: dict[str, Any]) -> dict[str, Any]:
         presets = data.get("presets", {})
+        _require(isinstance(presets, dict), "presets: expected a table of presets")
         return {**data, "presets": {name: _inherited(name, presets) for name in presets}}
 
     @model_validator(mode="after")
@@ -281,10 +282,10 @@ def load(path: str | pathlib.Path = DEFAULT_PATH) -> Registry:
 def _read(path: pathlib.Path) -> dict[str, Any]:
     """Return a registry's tables, what it extends included."""
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        data = tomllib.loads(path.read_bytes().decode("utf-8"))
     except OSError as error:
         raise RegistryError(f"{path}: cannot read the registry: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:  # no UTF-8, no TOML, a number or nesting beyond all measure
         raise RegistryError(f"{path}: not valid TOML: {error}") from error
     if "extends" not in data:
         return data
@@ -357,9 +358,16 @@ def _inherited(name: str, presets: Mapping[str, Any], heirs: tuple[str, ...] = (
     base_name = preset.get("extends") if isinstance(preset, dict) else None
     if base_name is None:
         return preset
+    _require(isinstance(base_name, str), f"presets.{name}.extends: expected the name of a preset")
     _known(f"presets.{name}.extends", [base_name], presets)
     _require(base_name not in (*heirs, name), f"presets.{name}.extends: {base_name!r} extends it in turn")
     base = _inherited(base_name, presets, (*heirs, name))
+    for where, table in ((name, preset), (base_name, base)):
+        _require(isinstance(table, dict), f"presets.{where}: expected a table")
+        for key in ("all", "domains"):
+            _require(isinstance(table.get(key, {}), dict), f"presets.{where}.{key}: expected a table")
+        for domain, settings in table.get("domains", {}).items():
+            _require(isinstance(settings, dict), f"presets.{where}.domains.{domain}: expected a table")
     ours, theirs = preset.get("domains", {}), base.get("domains", {})
     domains = {d: {**theirs.get(d, {}), **ours.get(d, {})} for d in (*theirs, *ours)}
     return {**preset, "all": {**base.get("all", {}), **preset.get("all", {})}, "domains": domains}

@@ -110,13 +110,15 @@ def _print(table: TextTable, console: Console, width: int = TABLE_WIDTH) -> None
 
 def _count(statuses: Sequence[Status]) -> str:
     states = Counter(status.state for status in statuses)
-    others = [f"{states[state]} {state.value}" for state in (State.STALE, State.FAILED) if states[state]]
+    shown = (State.INCOMPLETE, State.STALE, State.FAILED)
+    others = [f"{states[state]} {state.value}" for state in shown if states[state]]
     return f"{states[State.CURRENT]}/{len(statuses)}" + (f" ({', '.join(others)})" if others else "")
 
 
 def _reasons(statuses: Sequence[Status]) -> list[str]:
-    reasons = Counter(status.detail for status in statuses if status.state is State.STALE)
-    return [f"{count} stored results are older: {reason}" for reason, count in reasons.items()]
+    explained = (State.STALE, State.INCOMPLETE)
+    reasons = Counter((status.state, status.detail) for status in statuses if status.state in explained)
+    return [f"{n} stored results are {state.value}: {reason}" for (state, reason), n in reasons.items()]
 
 
 def _write(found: StoredEvidence, shown: Sequence[TextTable], store: Store) -> None:

@@ -45,7 +45,7 @@ def rerun_and_compare(store: Store, run: str, work: Work = Work()) -> Comparison
     """Compute a finished run or reference row of a store again, from its specification, on the CPU.
 
     A stored run does not depend on the seeds that were trained beside it, so it is trained alone. The store is only
-    read.
+    read. Where it has no policy, as what is published, curve and metrics are compared.
 
     Raises
     ------
@@ -60,8 +60,11 @@ def rerun_and_compare(store: Store, run: str, work: Work = Work()) -> Comparison
         _specification(CellSpec, row), [int(row["seed"])], checkpoint=None, on_progress=lambda _: None
     )
     curve = pd.read_parquet(store.shard("curves", run)).drop(columns=["run", "key"])
-    then = fingerprint(curve, _metrics(row, kind), _policy(store.policy(run)))
-    now = fingerprint(result.curve[list(curve.columns)], result.metrics, result.policy)
+    policy = _policy(store.policy(run)) if store.policy(run).exists() else None
+    then = fingerprint(curve, _metrics(row, kind), policy or {})
+    now = fingerprint(
+        result.curve[list(curve.columns)], result.metrics, {} if policy is None else result.policy
+    )
     return Comparison(run, then, now)
 
 

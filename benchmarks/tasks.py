@@ -1,4 +1,7 @@
-"""Units of work: a cell's missing seeds as one stack, or one reference row; and how a worker does them."""
+"""Units of work and how a worker does them.
+
+A cell's missing seeds as one stack, one reference row, or what the rows of a cell still lack: their physics.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +19,9 @@ from bgn.results.atomic import write_atomically
 from bgn.results.provenance import Origin
 from bgn.results.run_ids import CellId, ReferenceId, RunId
 from bgn.results.schema import Convention
-from bgn.results.store import Kind, Store
-from bgn.training.cell import CellSpec, Progress, RunResult
+from bgn.results.store import Kind, StorageError, Store, read_shard, writing_to
+from bgn.training.cell import CellSpec, DeviceLostError, Progress, RunResult
+from bgn.training.physics_evaluation import has_physics
 
 ProgressListener = Callable[[Progress], None]
 
@@ -33,6 +37,7 @@ class TrainCell(Protocol):
         device: str = ...,
         checkpoint: pathlib.Path | None = ...,
         on_progress: ProgressListener | None = ...,
+        physics: bool = ...,
     ) -> list[RunResult]:
         """Return one result per seed."""
 
@@ -56,6 +61,15 @@ def save_policy(path: pathlib.Path, spec: CellSpec, tensors: Mapping[str, Any]) 
         hyperparameters=spec.hyperparameters,
         variant=spec.variant,
     )
+
+
+def evaluate_in_physics(policy: pathlib.Path, spec: CellSpec, seed: int) -> Mapping[str, float]:
+    """Evaluate a stored policy in physics; see :func:`bgn.training.physics_evaluation.evaluate_policy`."""
+    from safetensors.torch import load_file
+
+    from bgn.training.physics_evaluation import evaluate_policy
+
+    return evaluate_policy(spec, load_file(policy), seed)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,6 +111,7 @@ class Work:
     train_cell: TrainCell = train_cell
     save_policy: Callable[[pathlib.Path, CellSpec, Mapping[str, Any]], None] = save_policy
     evaluate_reference: Callable[[ReferenceSpec], Mapping[str, float]] = evaluate_reference
+    evaluate_in_physics: Callable[[pathlib.Path, CellSpec, int], Mapping[str, float]] = evaluate_in_physics
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,7 +169,33 @@ class ReferenceTask(_Task):
         return (self.name,)
 
 
-Task = CellTask | ReferenceTask
+@dataclass(frozen=True, kw_only=True)
+class PhysicsTask(_Task):
+    """Evaluate stored policies of a cell in physics, which their rows lack."""
+
+    kind: ClassVar[Kind] = "runs"
+    identity: ClassVar[schema.Columns] = schema.RUN_IDENTITY
+
+    spec: CellSpec
+    seeds: tuple[int, ...]
+    device: str = "cpu"
+
+    @property
+    def name(self) -> str:
+        """The cell's id and what is done, e.g. ``top-plate/ah-ch+bgn in physics``."""
+        return f"{CellId(self.spec.domain, self.spec.agent)} in physics"
+
+    @property
+    def runs(self) -> tuple[str, ...]:
+        """The run ids it fills in."""
+        cell = CellId(self.spec.domain, self.spec.agent)
+        return tuple(str(RunId(cell, seed)) for seed in self.seeds)
+
+
+Task = CellTask | PhysicsTask | ReferenceTask
+
+
+_FINISHED: Mapping[str, str | None] = {"status": "ok", "error": None, "traceback": None, "missing": None}
 
 
 @dataclass(frozen=True)
@@ -164,20 +205,34 @@ class Failure:
     error: str
     traceback: str
     started_at: datetime.datetime
+    device_lost: bool = False
+    """Whether nothing more can be done on the device in this process."""
 
 
 def execute(task: Task, work: Work, on_progress: ProgressListener) -> Failure | None:
-    """Do a task and store what it yields; a failure is stored, and returned, not raised."""
+    """Do a task and store what it yields; a failure is stored, and returned, not raised.
+
+    Raises
+    ------
+    StorageError
+        Nothing more can be written, which is not the task's fault.
+    """
     started_at = now()
     try:
         if task.declared is not None:
             from_file.declare(task.declared)
-        if isinstance(task, CellTask):
-            _train(task, work, started_at, on_progress)
-        else:
-            _evaluate(task, work, started_at)
+        with writing_to(task.store):
+            if isinstance(task, CellTask):
+                _train(task, work, started_at, on_progress)
+            elif isinstance(task, PhysicsTask):
+                _fill_in(task, work)
+            else:
+                _evaluate(task, work, started_at)
+    except StorageError:
+        raise
     except Exception as error:
-        failure = Failure(f"{type(error).__name__}: {error}", traceback.format_exc(), started_at)
+        lost = isinstance(error, DeviceLostError)
+        failure = Failure(f"{type(error).__name__}: {error}", traceback.format_exc(), started_at, lost)
         record_failure(task, failure)
         return failure
     return None
@@ -185,15 +240,15 @@ def execute(task: Task, work: Work, on_progress: ProgressListener) -> Failure | 
 
 def record_failure(task: Task, failure: Failure) -> None:
     """Store one failed row for every run the task was to yield."""
+    with writing_to(task.store):
+        _record_failure(task, failure)
+
+
+def _record_failure(task: Task, failure: Failure) -> None:
     store = Store(task.store)
-    outcome = {"status": "failed", "error": failure.error, "traceback": failure.traceback}
+    outcome = {"status": "failed", "error": failure.error, "traceback": failure.traceback, "missing": None}
     for values in _rows(task, outcome, failure.started_at):
-        if isinstance(task, CellTask):
-            store.write_failure("runs", values["run"], schema.row(schema.RUN_IDENTITY, values, {}))
-        else:
-            store.write_failure(
-                "references", values["run"], schema.row(schema.REFERENCE_IDENTITY, values, {})
-            )
+        store.write_failure(task.kind, values["run"], schema.row(task.identity, values, {}))
 
 
 def _train(task: CellTask, work: Work, started_at: datetime.datetime, listener: ProgressListener) -> None:
@@ -201,12 +256,16 @@ def _train(task: CellTask, work: Work, started_at: datetime.datetime, listener: 
     checkpoint = store.checkpoint(task.name, f"{task.origin.key}-{'-'.join(map(str, task.seeds))}")
     checkpoint.parent.mkdir(parents=True, exist_ok=True)
     results = work.train_cell(
-        task.spec, task.seeds, device=task.device, checkpoint=checkpoint, on_progress=listener
+        task.spec,
+        task.seeds,
+        device=task.device,
+        checkpoint=checkpoint,
+        on_progress=listener,
+        physics=task.device == "cpu",  # a GPU's cells run in threads, which must not wait for physics
     )
     if tuple(result.seed for result in results) != task.seeds:
         raise ValueError(f"asked for seeds {task.seeds}, got {[result.seed for result in results]}")
-    rows = _rows(task, {"status": "ok", "error": None, "traceback": None}, started_at)
-    for result, values in zip(results, rows, strict=True):
+    for result, values in zip(results, _rows(task, _FINISHED, started_at), strict=True):
         _store_run(store, task, work, result, values)
     store.discard_checkpoints(task.name)
 
@@ -214,15 +273,31 @@ def _train(task: CellTask, work: Work, started_at: datetime.datetime, listener: 
 def _store_run(store: Store, task: CellTask, work: Work, result: RunResult, values: dict[str, Any]) -> None:
     run = values["run"]
     schema.check_metrics(run, result.metrics, schema.RUN_METRICS)
+    if task.spec.physics_episodes and not set(schema.PHYSICS_METRICS) <= set(result.metrics):
+        values |= {
+            "missing": f"physics: {'not evaluated yet' if has_physics() else 'MuJoCo is not installed'}"
+        }
     write_atomically(store.policy(run), lambda path: work.save_policy(path, task.spec, result.policy))
     store.write("curves", run, schema.curve_table(run, task.origin.key, result.curve))
     store.write(task.kind, run, schema.row(task.identity, values, result.metrics))
 
 
+def _fill_in(task: PhysicsTask, work: Work) -> None:
+    """Add to finished rows what they lack; all else of them stays as it is."""
+    store = Store(task.store)
+    for run, seed in zip(task.runs, task.seeds, strict=True):
+        row = read_shard(store.shard(task.kind, run))
+        metrics = work.evaluate_in_physics(store.policy(run), task.spec, seed)
+        schema.check_metrics(run, metrics, schema.PHYSICS_METRICS)
+        mujoco = provenance.environment()["version_mujoco"]
+        assert not isinstance(mujoco, bool)
+        store.write(task.kind, run, schema.filled_in(row, metrics, {"version_mujoco": mujoco}))
+
+
 def _evaluate(task: ReferenceTask, work: Work, started_at: datetime.datetime) -> None:
     metrics = work.evaluate_reference(task.spec)
     schema.check_metrics(task.name, metrics, schema.REFERENCE_METRICS)
-    (values,) = _rows(task, {"status": "ok", "error": None, "traceback": None}, started_at)
+    (values,) = _rows(task, _FINISHED, started_at)
     Store(task.store).write(task.kind, task.name, schema.row(task.identity, values, metrics))
 
 
@@ -242,7 +317,7 @@ def _rows(
         "spec": provenance.spec_json(task.spec),
         "threads": 1,
         "started_at": started_at,
-        "finished_at": now(),
+        "finished_at": max(started_at, now()),  # a clock may be set back
     }
     if isinstance(task, ReferenceTask):
         spec = task.spec

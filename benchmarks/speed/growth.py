@@ -5,17 +5,15 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from statistics import median
 
 from matplotlib.figure import Figure
 
-from benchmarks.baseline import Baseline
 from benchmarks.speed.workloads import Training, Workload, settings_of
 from bgn import domains
-from bgn.agents.specs import AGENTS
 from bgn.domains.rocksample import rocksample
+from bgn.training.learners.plain_a2c import PlainA2CLearner
 
 #: RockSample instances by grid size and rocks; |S| = n² 2^k + 1.
 INSTANCES = {
@@ -25,11 +23,11 @@ INSTANCES = {
     5: ((2, 4), (0, 4), (3, 3), (2, 2), (4, 1)),
     6: ((2, 4), (0, 4), (3, 3), (2, 2), (4, 1), (5, 5)),
 }
-#: The baseline's dense arrays grow with the square of the states.
-BASELINE_STATES = 1000
+#: The plain learner's dense arrays grow with the square of the states.
+PLAIN_STATES = 1000
 SEEDS = (1, 2, 3, 5, 10)
 LANES = (4, 8, 16, 32, 64)
-BASELINE = "baseline, ah-ch+bgn"
+PLAIN = "plain, ah-ch+bgn"
 AGENT_IDS = ("ah-ch+bgn", "ah-ch", "ab-cb")
 ROUNDS = 5
 
@@ -45,19 +43,18 @@ class Growth:
 
 
 def by_states() -> Growth:
-    """RockSample[n,k] from 9 to 2,305 states, three seeds; the baseline has one."""
+    """RockSample[n,k] from 9 to 2,305 states, three seeds; the plain learner has one."""
     settings = settings_of("rocksample-5-5")
-    lines: dict[str, Points] = {label: [] for label in (*AGENT_IDS, BASELINE)}
+    lines: dict[str, Points] = {label: [] for label in (*AGENT_IDS, PLAIN)}
     for n, rocks in INSTANCES.items():
         domain = rocksample(n, rocks)
         states = domain.model.n_hidden
         for agent in AGENT_IDS:
             training = Training(domain, agent, settings)
             lines[agent].append((states, rate(training, training.env_steps)))
-        if states < BASELINE_STATES:
-            baseline = Baseline(AGENTS["ah-ch+bgn"], domain, settings, seed=0)
-            update, steps = partial(baseline.update, 0.01), settings.lanes * settings.rollout
-            lines[BASELINE].append((states, rate(update, steps)))
+        if states < PLAIN_STATES:
+            plain = Training(domain, "ah-ch+bgn", settings, seeds=(0,), make=PlainA2CLearner)
+            lines[PLAIN].append((states, rate(plain, plain.env_steps)))
     return Growth("states", lines)
 
 

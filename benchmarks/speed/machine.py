@@ -6,29 +6,19 @@ import os
 import platform
 import time
 from collections.abc import Callable
-from statistics import median
 
 import torch
 
 from bgn.results.environment import processor
 
-#: Shape of the calibration kernel ``tanh(x @ w)``: one Ah-Ch step's largest product, 16 lanes.
-KERNEL = (16, 256, 768)
 PEAK_SIZE = 768
-
-
-def calibration_seconds() -> float:
-    """CPU seconds of ``tanh(x @ w)``, x 16x256, w 256x768, float32, one thread: the median of ten batches."""
-    rows, inner, columns = KERNEL
-    x, w = torch.randn(rows, inner), torch.randn(inner, columns)
-    return median(_cpu_seconds(lambda: torch.tanh(x @ w), 20) for _ in range(10))
 
 
 def peak_flops() -> float:
     """FLOP per CPU second of a large square float32 product on one thread: the best of a few."""
     a, b = torch.randn(PEAK_SIZE, PEAK_SIZE), torch.randn(PEAK_SIZE, PEAK_SIZE)
     out = torch.empty(PEAK_SIZE, PEAK_SIZE)
-    best = min(_cpu_seconds(lambda: torch.mm(a, b, out=out), 1) for _ in range(6))
+    best = min(_cpu_seconds(lambda: torch.mm(a, b, out=out)) for _ in range(6))
     return 2 * PEAK_SIZE**3 / best
 
 
@@ -43,9 +33,8 @@ def info() -> dict[str, str | int]:
     }
 
 
-def _cpu_seconds(work: Callable[[], object], times: int) -> float:
+def _cpu_seconds(work: Callable[[], object]) -> float:
     torch.set_num_threads(1)
     start = time.process_time()
-    for _ in range(times):
-        work()
-    return (time.process_time() - start) / times
+    work()
+    return time.process_time() - start

@@ -24,9 +24,6 @@ DOCUMENT = Path(__file__).parents[2] / "docs" / "performance.md"
 FIGURE = "performance-growth.png"
 BUDGET, PRESET = "paper", "authors-code"
 PROFILED = ("hallway/ah-ch+bgn", "rocksample-5-5/ah-ch+bgn")
-#: Microseconds a kernel takes in a CUDA graph, launch gap included: a good case and a bad one.
-KERNEL_MICROSECONDS = (2.0, 4.0)
-STREAMS = (1, 8)
 
 
 def write(suite: Suite, document: Path = DOCUMENT) -> list[Path]:
@@ -44,7 +41,7 @@ def write(suite: Suite, document: Path = DOCUMENT) -> list[Path]:
     blocks = {
         "machine": _machine(suite),
         "training": _table(
-            ("cell", "env-steps/CPU-s", "GFLOP/s", "of peak", "steps/kernel", "x authors'", "x baseline"),
+            ("cell", "env-steps/CPU-s", "GFLOP/s", "of peak", "x plain"),
             training_rows(suite),
         ),
         "profile": _profile(),
@@ -84,12 +81,10 @@ def _table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 def _machine(suite: Suite) -> str:
     what = suite.machine
     day = datetime.datetime.now(datetime.UTC).date()
-    kernels = [speed.kernel_microseconds for speed in suite.training]
     peaks = [speed.peak_gflops for speed in suite.training]
     return (
         f"Measured on {day}: {what['processor']}, {what['cores']} cores, one thread, torch {what['torch']}. "
-        f"The calibration kernel took {min(kernels):.0f} to {max(kernels):.0f} µs during the suite, "
-        f"the large product ran at {min(peaks):.0f} to {max(peaks):.0f} GFLOP/s."
+        f"The large product ran at {min(peaks):.0f} to {max(peaks):.0f} GFLOP/s during the suite."
     )
 
 
@@ -143,25 +138,15 @@ def _cost(suite: Suite) -> str:
 
 
 def _gpu() -> str:
-    """Kernels and bytes of one update of ten seeds, and what they come to for all 420 runs."""
-    budget = registry.load().budget(BUDGET)
-    rows, seconds = [], [0.0, 0.0]
+    """Kernels, bytes and arithmetic of one update of ten seeds."""
+    budget, rows = registry.load().budget(BUDGET), []
     for domain_id, agent_id in _cells():
         settings = registry.load().presets[PRESET].hyperparameters(domain_id)
         training = Training(domains.get(domain_id), agent_id, settings, seeds=tuple(range(budget.seeds)))
         asked = launches(training)
-        updates = budget.env_steps[domain_id] / (settings.lanes * settings.rollout)
-        for i, microseconds in enumerate(KERNEL_MICROSECONDS):
-            seconds[i] += updates * asked.kernels * microseconds * 1e-6
         flop = 2 * asked.multiply_adds / 1e9
         rows.append((f"{domain_id}/{agent_id}", str(asked.kernels), f"{asked.megabytes:.0f}", f"{flop:.1f}"))
-    table = _table(("cell, 10 seeds", "kernels an update", "MB touched", "GFLOP"), rows)
-    plans = [
-        f"{streams} at a time: {seconds[0] / streams / 60:.0f} to {seconds[1] / streams / 60:.0f} min"
-        for streams in STREAMS
-    ]
-    good, bad = KERNEL_MICROSECONDS
-    return f"{table}\n\nAll 42 cells at {good:g} to {bad:g} µs a kernel, cells {'; '.join(plans)}."
+    return _table(("cell, 10 seeds", "kernels per update", "MB touched", "GFLOP"), rows)
 
 
 def _cells() -> list[tuple[str, str]]:

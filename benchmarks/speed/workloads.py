@@ -14,6 +14,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -24,8 +25,14 @@ from bgn.agents.specs import AGENTS
 from bgn.domains.domain import Domain
 from bgn.pomdp import reader
 from bgn.simulation.table_world import START_VARIATES, STEP_VARIATES, TableWorld
-from bgn.training.executor import Executor
-from bgn.training.learner import Learner
+
+try:
+    from bgn.training.learners import make_learner
+    from bgn.training.update_runner import UpdateRunner
+except ImportError:  # a revision from before there were several learners
+    from bgn.training import executor, learner  # type: ignore[attr-defined]
+
+    make_learner, UpdateRunner = learner.Learner, executor.Executor  # type: ignore[misc]
 
 #: Seeds stacked in a measured cell: those of the ``laptop`` budget.
 SEEDS = (0, 1, 2)
@@ -42,7 +49,10 @@ def settings_of(domain_id: str, preset: str = "authors-code") -> Hyperparameters
 
 
 class Training:
-    """Updates of one cell; ``env_steps`` is how many environment steps a call makes over all seeds."""
+    """Updates of one cell by the learner that ``make`` returns.
+
+    ``env_steps`` is how many environment steps a call makes over all seeds.
+    """
 
     def __init__(
         self,
@@ -52,11 +62,12 @@ class Training:
         *,
         seeds: tuple[int, ...] = SEEDS,
         warm_up: int = 2,
+        make: Callable[..., Any] = make_learner,
     ) -> None:
         torch.set_num_threads(1)
         self.spec, self.domain, self.settings, self.seeds = AGENTS[agent_id], domain, settings, seeds
-        self.learner = Learner(self.spec, domain, settings, seeds, torch.device("cpu"))
-        self.executor = Executor(self.learner, MANY_UPDATES)
+        self.learner = make(self.spec, domain, settings, seeds, torch.device("cpu"))
+        self.runner = UpdateRunner(self.learner, MANY_UPDATES)
         self.env_steps = len(seeds) * settings.lanes * settings.rollout
         self.done = 0
         for _ in range(warm_up):
@@ -69,7 +80,7 @@ class Training:
 
     def __call__(self) -> None:
         """Make one update."""
-        self.executor.update(self.done)
+        self.runner.update(self.done)
         self.done += 1
 
 

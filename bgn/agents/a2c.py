@@ -120,16 +120,16 @@ class RMSProp:
 
     The step is v ← ρ v + (1 - ρ) g², θ ← θ - η g / (√v + ε): Adam's without its first moment and bias
     correction. Torch has a fused kernel for Adam only, so that kernel is called with β₁ = 0 at a step count
-    at which both corrections are exactly one; it is twice as fast as RMSProp in separate passes.
+    at which both corrections are exactly one; it is twice as fast as RMSProp in separate passes. Where the buffers go
+    seed by seed, all of a stack's parameters are one vector and one call; else each seed's are a call of their own.
     """
 
     def __init__(self, parameters: Parameters, *, rate: float, decay: float, epsilon: float) -> None:
         self._parameters = parameters
-        values = parameters.by_seed(parameters.values)
-        squares = parameters.by_seed(parameters.mean_squares)
-        gradients = parameters.by_seed(parameters.gradients)
-        self._seeds = list(zip(values, gradients, squares, strict=True))
-        self._steps = [torch.tensor(1e9, device=parameters.device) for _ in values[0]]
+        buffers = (parameters.values, parameters.gradients, parameters.mean_squares)
+        self._whole = tuple([buffer] for buffer in buffers)
+        self._seeds = list(zip(*map(parameters.by_seed, buffers), strict=True))
+        self._steps = [torch.tensor(1e9, device=parameters.device) for _ in self._seeds[0][0]]
         self._options = {"lr": rate, "beta2": decay, "eps": epsilon}
 
     def step(self, max_norm: float) -> Tensor:
@@ -137,23 +137,32 @@ class RMSProp:
         norms = self._parameters.gradient_norms()
         # As torch's clip_grad_norm_: the factor is max_norm / (norm + 1e-6), at most one.
         divisors = ((norms + 1e-6) / max_norm).clamp_min_(1.0)
-        for (values, gradients, squares), divisor in zip(self._seeds, divisors, strict=True):
-            torch._fused_adam_(
-                values,
-                gradients,
-                gradients,  # with β₁ = 0 the first moment is the gradient
-                squares,
-                [],
-                self._steps,
-                beta1=0.0,
-                weight_decay=0.0,
-                amsgrad=False,
-                maximize=False,
-                grad_scale=divisor,
-                found_inf=None,
-                **self._options,
-            )
+        if self._parameters.goes_by_seed:
+            self._parameters.gradients.view(len(divisors), -1).div_(divisors[:, None])
+            self._step(self._whole, None)
+            return norms
+        for buffers, divisor in zip(self._seeds, divisors, strict=True):
+            self._step(buffers, divisor)
         return norms
+
+    def _step(self, buffers: tuple[list[Tensor], ...], divisor: Tensor | None) -> None:
+        """Step with values, gradients and mean squares, each a list of vectors."""
+        values, gradients, squares = buffers
+        torch._fused_adam_(
+            values,
+            gradients,
+            gradients,  # with β₁ = 0 the first moment is the gradient
+            squares,
+            [],
+            self._steps[: len(values)],
+            beta1=0.0,
+            weight_decay=0.0,
+            amsgrad=False,
+            maximize=False,
+            grad_scale=divisor,
+            found_inf=None,
+            **self._options,
+        )
 
 
 class RewardScaler:

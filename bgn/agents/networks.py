@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from bgn.agents.hyperparameters import Hyperparameters
+from bgn.agents.hyperparameters import CommonHyperparameters
 from bgn.agents.layers import EMBEDDING, HIDDEN, Body, Dense, Lookup, Recurrence, one_hot
 from bgn.agents.parameters import Parameters, normal, orthogonal, uniform_fan_in
 from bgn.agents.specs import AgentSpec, InputKind
@@ -25,7 +25,7 @@ POLICY_GAIN, VALUE_GAIN = 0.01, 2**0.5
 
 
 @dataclass(frozen=True)
-class Sight:
+class InputLayout:
     """How a domain's indices become network inputs, on one device."""
 
     n_observations: int
@@ -44,19 +44,19 @@ class Sight:
         return self.n_hidden + (0 if self.observed is None else self.observed.shape[1])
 
 
-def sight_of(domain: Domain, device: torch.device) -> Sight:
+def input_layout(domain: Domain, device: torch.device) -> InputLayout:
     """Return the inputs of ``domain``; classic ones are embedded, robot ones are features."""
     joint, features = domain.model.joint, domain.features
     if features is None:
         shape = (joint.n_observations + 1, joint.n_actions, joint.n_states, domain.model.n_hidden)
-        return Sight(*shape, None, None, None, None)
+        return InputLayout(*shape, None, None, None, None)
     codes = torch.arange(joint.n_actions + 1, dtype=torch.float32) / (joint.n_actions - 1)
     codes[-1] = -1 / (joint.n_actions - 1)  # before the first action
     tensors = (
         torch.from_numpy(a).to(device) for a in (features.observation, features.observed, features.state)
     )
     observation, observed, state = tensors
-    return Sight(
+    return InputLayout(
         joint.n_observations,
         joint.n_actions,
         joint.n_states,
@@ -68,20 +68,22 @@ def sight_of(domain: Domain, device: torch.device) -> Sight:
     )
 
 
-class Memory:
+class RolloutInputs:
     """A rollout's inputs, slot by slot, in the layouts that the products want: (S, T+1, L, …)."""
 
-    def __init__(self, sight: Sight, seeds: int, slots: int, lanes: int, belief: bool, device: torch.device):
+    def __init__(
+        self, layout: InputLayout, seeds: int, slots: int, lanes: int, belief: bool, device: torch.device
+    ):
         def per_lane(dtype: torch.dtype = torch.int64) -> Tensor:
             # A slot's lanes lie side by side, as the world's do.
             return torch.zeros(slots, seeds, lanes, dtype=dtype, device=device).transpose(0, 1)
 
-        self.sight = sight
+        self.layout = layout
         self.observation, self.last_action, self.state = per_lane(), per_lane(), per_lane()
         self.fresh = per_lane(torch.bool)
-        width = sight.belief_width if belief else 0
+        width = layout.belief_width if belief else 0
         self.belief_input = torch.zeros(seeds, slots, lanes, width, device=device)
-        self.belief = self.belief_input[..., max(0, width - sight.n_hidden) :]
+        self.belief = self.belief_input[..., max(0, width - layout.n_hidden) :]
         of_recurrence = (self.observation, self.last_action, self.fresh)
         #: What a recurrence's step takes: observation, last action and fresh, each (S, L), by slot.
         self.slots = list(zip(*(b.unbind(1) for b in of_recurrence), strict=True))
@@ -99,26 +101,26 @@ class Memory:
             slot.copy_(value)
         if self.belief_input.shape[-1]:
             self._beliefs[t].copy_(inputs.belief.view(*shape, -1))
-            if self.sight.observed is not None:
-                self.belief_input[:, t, :, : -self.sight.n_hidden] = self.sight.observed[
+            if self.layout.observed is not None:
+                self.belief_input[:, t, :, : -self.layout.n_hidden] = self.layout.observed[
                     inputs.observed.view(shape)
                 ]
 
     def one_hot(self, steps: int) -> Tensor:
         """Mark observation and last action of the first ``steps`` slots; (S, T*L, Ω + A + 1) float32."""
         parts = (
-            one_hot(self.observation[:, :steps], self.sight.n_observations),
-            one_hot(self.last_action[:, :steps], self.sight.n_actions + 1),
+            one_hot(self.observation[:, :steps], self.layout.n_observations),
+            one_hot(self.last_action[:, :steps], self.layout.n_actions + 1),
         )
         return torch.cat(parts, -1).flatten(1, 2)
 
 
-def belief_input(sight: Sight, inputs: Inputs, seeds: int) -> Tensor:
+def belief_input(layout: InputLayout, inputs: Inputs, seeds: int) -> Tensor:
     """(S, N, width) belief inputs straight from a world's lanes."""
     belief = inputs.belief.view(seeds, -1, inputs.belief.shape[-1])
-    if sight.observed is None:
+    if layout.observed is None:
         return belief
-    return torch.cat((sight.observed[inputs.observed.view(seeds, -1)], belief), -1)
+    return torch.cat((layout.observed[inputs.observed.view(seeds, -1)], belief), -1)
 
 
 class Branch:
@@ -129,7 +131,7 @@ class Branch:
         parameters: Parameters,
         name: str,
         kind: InputKind,
-        sight: Sight,
+        layout: InputLayout,
         recurrence: Recurrence | None,
         *,
         outputs: int,
@@ -137,38 +139,38 @@ class Branch:
         grounded: bool,
         layers: int,
     ) -> None:
-        self.parameters, self.name, self.kind, self.sight = parameters, name, kind, sight
+        self.parameters, self.name, self.kind, self.layout = parameters, name, kind, layout
         self.recurrence = recurrence
-        self._embedded_state = kind == "state" and sight.state is None
+        self._embedded_state = kind == "state" and layout.state is None
         if self._embedded_state:
-            parameters.declare(f"{name}.state", (sight.n_states, EMBEDDING), normal)
+            parameters.declare(f"{name}.state", (layout.n_states, EMBEDDING), normal)
         self.body = Body(parameters, f"{name}.body", self._input_width(), layers)
         self.head = Dense(parameters, f"{name}.head", HIDDEN, outputs, weight=orthogonal(gain))
         self.grounding: Dense | None = None
         if grounded:
             default = uniform_fan_in(HIDDEN)
             self.grounding = Dense(
-                parameters, f"{name}.belief", HIDDEN, sight.n_hidden, weight=default, bias=default
+                parameters, f"{name}.belief", HIDDEN, layout.n_hidden, weight=default, bias=default
             )
 
     def _input_width(self) -> int:
         if self.kind == "history":
             return HIDDEN
         if self.kind == "belief":
-            return self.sight.belief_width
-        return EMBEDDING if self.sight.state is None else self.sight.state.shape[1]
+            return self.layout.belief_width
+        return EMBEDDING if self.layout.state is None else self.layout.state.shape[1]
 
     def allocate(self, slots: int, lanes: int) -> None:
         """Create the activation buffers."""
         self.body.allocate(self.parameters, slots, lanes)
 
-    def step(self, t: int, memory: Memory) -> Tensor:
+    def step(self, t: int, rollout: RolloutInputs) -> Tensor:
         """Output for slot ``t``: (S, L, outputs). A recurrent input must have stepped already."""
-        return self.head.forward(self.body.step(t, self._inputs(memory)[:, t]))
+        return self.head.forward(self.body.step(t, self._inputs(rollout)[:, t]))
 
-    def all_slots(self, memory: Memory) -> Tensor:
+    def all_slots(self, rollout: RolloutInputs) -> Tensor:
         """Compute the outputs of all slots at once: (S, T+1, L, outputs)."""
-        features = self.body.all_slots(self._inputs(memory))
+        features = self.body.all_slots(self._inputs(rollout))
         return self.head.forward(features.flatten(1, 2)).view(*features.shape[:3], -1)
 
     def belief_logits(self, steps: int) -> Tensor:
@@ -187,26 +189,26 @@ class Branch:
             assert hidden is not None
             return hidden
         if self.kind == "belief":
-            return belief_input(self.sight, inputs, seeds)
+            return belief_input(self.layout, inputs, seeds)
         return self._state_vectors(inputs.state.view(seeds, -1))
 
     def _state_vectors(self, state: Tensor) -> Tensor:
-        if self.sight.state is not None:
-            return self.sight.state[state]
+        if self.layout.state is not None:
+            return self.layout.state[state]
         table = self.parameters[f"{self.name}.state"]
         seed = torch.arange(len(table), device=table.device).view(-1, *(1,) * (state.ndim - 1))
         return table[seed, state]
 
-    def _inputs(self, memory: Memory) -> Tensor:
+    def _inputs(self, rollout: RolloutInputs) -> Tensor:
         if self.recurrence is not None:
             return self.recurrence.features
         if self.kind == "belief":
-            return memory.belief_input
-        self._vectors = self._state_vectors(memory.state)
+            return rollout.belief_input
+        self._vectors = self._state_vectors(rollout.state)
         return self._vectors
 
     def backward(
-        self, memory: Memory, d_output: Tensor, d_belief: Tensor | None, steps: int
+        self, rollout: RolloutInputs, d_output: Tensor, d_belief: Tensor | None, steps: int
     ) -> Tensor | None:
         """Write gradients from those of the outputs (S, T*L, outputs) and the belief logits (S, T*L, Y).
 
@@ -219,11 +221,11 @@ class Branch:
             grounded = self.grounding.backward(features, features, d_belief)
             assert grounded is not None
             d += grounded
-        inputs = self._vectors if self.kind == "state" else self._inputs(memory)
+        inputs = self._vectors if self.kind == "state" else self._inputs(rollout)
         wanted = self.recurrence is not None or self._embedded_state
         d_inputs = self.body.backward(inputs, d, steps, want_dx=wanted)
         if self._embedded_state and d_inputs is not None:
-            marks = one_hot(memory.state[:, :steps].flatten(1, 2), self.sight.n_states)
+            marks = one_hot(rollout.state[:, :steps].flatten(1, 2), self.layout.n_states)
             torch.bmm(marks.transpose(1, 2), d_inputs, out=self.parameters.gradient(f"{self.name}.state"))
         return d_inputs
 
@@ -235,12 +237,12 @@ class AgentNetworks:
         self,
         spec: AgentSpec,
         domain: Domain,
-        settings: Hyperparameters,
+        settings: CommonHyperparameters,
         seeds: tuple[int, ...],
         device: torch.device,
     ) -> None:
         self.spec, self.settings = spec, settings
-        self.sight = sight_of(domain, device)
+        self.layout = input_layout(domain, device)
         self.parameters = Parameters(seeds, device)
         shared = settings.shared_recurrence and spec.actor == spec.critic == "history"
         layers = {"history": settings.recurrent_hidden_layers}
@@ -250,9 +252,9 @@ class AgentNetworks:
             self.parameters,
             "actor",
             spec.actor,
-            self.sight,
+            self.layout,
             actor_memory,
-            outputs=self.sight.n_actions,
+            outputs=self.layout.n_actions,
             gain=POLICY_GAIN,
             grounded=spec.grounded,
             layers=layers.get(spec.actor, FEEDFORWARD_LAYERS),
@@ -262,7 +264,7 @@ class AgentNetworks:
             self.parameters,
             "critic",
             spec.critic,
-            self.sight,
+            self.layout,
             actor_memory if shared else own_memory,
             outputs=1,
             gain=VALUE_GAIN,
@@ -280,20 +282,27 @@ class AgentNetworks:
 
     def _feature_layers(self) -> Iterator[tuple[str, int]]:
         """Layers whose first inputs are features, and how many these are; none where inputs are embedded."""
-        sight = self.sight
-        if sight.observation is None or sight.action is None or sight.observed is None or sight.state is None:
+        layout = self.layout
+        if (
+            layout.observation is None
+            or layout.action is None
+            or layout.observed is None
+            or layout.state is None
+        ):
             return
         for recurrence in self.recurrences:
-            yield f"{recurrence.name}.input", sight.observation.shape[1] + sight.action.shape[1]
-        widths = {"belief": sight.observed.shape[1], "state": sight.state.shape[1]}
+            yield f"{recurrence.name}.input", layout.observation.shape[1] + layout.action.shape[1]
+        widths = {"belief": layout.observed.shape[1], "state": layout.state.shape[1]}
         for branch in (self.actor, self.critic):
             if branch.kind != "history":
                 yield f"{branch.name}.body.0", widths[branch.kind]
 
     def _recurrence(self, name: str) -> Recurrence:
-        sight = self.sight
-        observations = Lookup(self.parameters, f"{name}.observation", sight.n_observations, sight.observation)
-        actions = Lookup(self.parameters, f"{name}.action", sight.n_actions + 1, sight.action)
+        layout = self.layout
+        observations = Lookup(
+            self.parameters, f"{name}.observation", layout.n_observations, layout.observation
+        )
+        actions = Lookup(self.parameters, f"{name}.action", layout.n_actions + 1, layout.action)
         recurrence = Recurrence(self.parameters, f"{name}.gru", observations, actions)
         self.recurrences.append(recurrence)
         return recurrence
@@ -314,11 +323,6 @@ class AgentNetworks:
     def hidden_width(self) -> int:
         """Width of the actor's memory; zero for an actor without one."""
         return 0 if self.actor.recurrence is None else HIDDEN
-
-    def act(self, inputs: Inputs, hidden: Tensor) -> tuple[Tensor, Tensor]:
-        """Advance the actors by one input: ((S, N, H) new memory, (S, N, A) policy logits)."""
-        features, hidden = self.actor_features(inputs, hidden)
-        return hidden, self.actor.head.forward(features)
 
     def actor_features(self, inputs: Inputs, hidden: Tensor) -> tuple[Tensor, Tensor]:
         """Features before the actor's heads (S, N, H), and its new memory."""

@@ -1,7 +1,8 @@
 """All parameters of a stack of runs in one flat buffer, with named views into it.
 
-Seeds are stacked on a leading axis, so that one batched product serves all of them. The buffer goes
-parameter by parameter, so that every view (S, *shape) is contiguous and products need no copies.
+Seeds are stacked on a leading axis, so that one batched product serves all of them. On a CPU the buffer goes
+parameter by parameter, so that every view (S, *shape) is contiguous. On a GPU it goes seed by seed, so that norms,
+clipping and the optimiser's step are one launch each for all parameters; products take strided views as they are.
 """
 
 from __future__ import annotations
@@ -17,6 +18,12 @@ ALIGNMENT = 16
 
 #: Added to a run's seed for :meth:`Parameters.place_ridges`, so that all other starting values stay as they are.
 RIDGE_SEED = 2**32
+
+
+def by_seed_on(device: torch.device) -> bool:
+    """Say whether buffers on that device go seed by seed."""
+    return device.type != "cpu"
+
 
 Initialiser = Callable[[tuple[int, ...], torch.Generator], Tensor]
 
@@ -76,11 +83,12 @@ class Parameters:
     def allocate(self) -> None:
         """Create the buffers, all zero."""
         n = len(self.seeds)
+        self.goes_by_seed = by_seed_on(self.device)
         self.values = torch.zeros(n * sum(map(_padded, self._shapes.values())), device=self.device)
         self.gradients = torch.zeros_like(self.values)
         self.mean_squares = torch.zeros_like(self.values)
-        self._views = _views(self.values, n, self._shapes)
-        self._gradients = _views(self.gradients, n, self._shapes)
+        self._views = self.views(self.values)
+        self._gradients = self.views(self.gradients)
         self._flat_gradients = [view.flatten(1) for view in self._gradients.values()]
 
     def initialise(self) -> None:
@@ -127,11 +135,27 @@ class Parameters:
 
     def by_seed(self, buffer: Tensor) -> list[list[Tensor]]:
         """View a buffer of this layout as one list of parameter-sized vectors a seed."""
-        views = _views(buffer, len(self.seeds), self._shapes).values()
+        views = self.views(buffer).values()
         return [[view[row].flatten() for view in views] for row in range(len(self.seeds))]
+
+    def views(self, buffer: Tensor) -> dict[str, Tensor]:
+        """View a buffer of this layout as named tensors (S, *shape)."""
+        n, views, offset = len(self.seeds), {}, 0
+        for name, shape in self._shapes.items():
+            size = math.prod(shape)
+            if self.goes_by_seed:
+                views[name] = buffer.view(n, -1)[:, offset : offset + size].view(n, *shape)
+                offset += _padded(shape)
+            else:
+                views[name] = buffer[offset : offset + n * size].view(n, *shape)
+                offset += n * _padded(shape)
+        return views
 
     def gradient_norms(self) -> Tensor:
         """L2 norm of each seed's gradient: (S,)."""
+        if self.goes_by_seed:
+            whole: Tensor = torch.linalg.vector_norm(self.gradients.view(len(self.seeds), -1), dim=1)
+            return whole
         parts = [torch.linalg.vector_norm(gradient, dim=1) for gradient in self._flat_gradients]
         # Along rows: down columns, torch adds up one seed's parts in another order alone than beside others.
         norms: Tensor = torch.linalg.vector_norm(torch.stack(parts, 1), dim=1)
@@ -145,11 +169,3 @@ class Parameters:
 
 def _padded(shape: tuple[int, ...]) -> int:
     return -(-math.prod(shape) // ALIGNMENT) * ALIGNMENT
-
-
-def _views(buffer: Tensor, seeds: int, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Tensor]:
-    views, offset = {}, 0
-    for name, shape in shapes.items():
-        views[name] = buffer[offset : offset + seeds * math.prod(shape)].view(seeds, *shape)
-        offset += seeds * _padded(shape)
-    return views

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from bgn.domains.domain import Domain
 from bgn.domains.registry import get, ids
-from bgn.pomdp.writer import dumps
 
 CHECKSUMS = "SHA256SUMS"
 """Name of the checksum file, as ``sha256sum --check`` reads it."""
@@ -26,6 +25,8 @@ def write(folder: Path) -> list[Path]:
 
 
 def _text(domain: Domain) -> str:
+    from bgn.pomdp.writer import dumps  # imported here: it needs the parser's words, which training does not
+
     comment = (
         f"{domain.title}, episodes of at most {domain.episode_limit} steps\n"
         "Written by `bgn write`: change the generator, not this file."

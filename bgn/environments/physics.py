@@ -90,10 +90,10 @@ class PhysicsEnvironment(gymnasium.Env[np.int64, np.int64]):
         if not self.action_space.contains(action):
             raise InvalidAction(f"action {action!r} is not in 0..{self.domain.model.joint.n_actions - 1}")
         self._last_action = int(action)
-        moment = self.world.step(int(action))
-        self._going = not (moment.ended or moment.truncated)
+        state = self.world.step(int(action))
+        self._going = not (state.ended or state.truncated)
         observation, information = self._seen()
-        return observation, float(moment.success), moment.ended, moment.truncated, information
+        return observation, float(state.success), state.ended, state.truncated, information
 
     def render(self) -> Image | None:
         """Return a picture in the mode ``"rgb_array"``; the window of ``"human"`` shows itself.

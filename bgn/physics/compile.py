@@ -22,7 +22,7 @@ import numpy as np
 from bgn.domains import outcome_table
 from bgn.domains.outcome_table import Header, OutcomeTable
 from bgn.errors import BgnError
-from bgn.physics.scene import Outcome, Scene, Snapshot
+from bgn.physics.scene import Measurement, Scene, Snapshot
 from bgn.physics.tasks import task_of
 
 HISTORIES: Final = 4
@@ -61,9 +61,9 @@ def compile_hidden(scene: Scene, hidden: int, histories: int = HISTORIES) -> Col
     kept: dict[int, int] = defaultdict(int)
     queue: deque[Snapshot] = deque()
 
-    def keep(outcome: Outcome) -> None:
-        if kept[outcome.reading] < histories:
-            kept[outcome.reading] += 1
+    def keep(measurement: Measurement) -> None:
+        if kept[measurement.reading] < histories:
+            kept[measurement.reading] += 1
             queue.append(scene.save())
 
     for cell in scene.starts(hidden):
@@ -73,7 +73,7 @@ def compile_hidden(scene: Scene, hidden: int, histories: int = HISTORIES) -> Col
         snapshot = queue.popleft()
         for action in range(scene.actions):
             scene.restore(snapshot)
-            before, after = snapshot.outcome, scene.act(action)
+            before, after = snapshot.measurement, scene.act(action)
             # A push ends the episode: where the finger goes then is of no consequence.
             result = (before.reading if after.pushed else after.reading, after.pushed)
             if found.setdefault((before.reading, action), result) != result:

@@ -33,7 +33,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Measurement:
     """What one action did, measured in the scene."""
 
     reading: int
@@ -52,7 +52,7 @@ class Snapshot:
 
     physics: Floats
     hidden: int
-    outcome: Outcome
+    measurement: Measurement
 
 
 class Scene(ABC):
@@ -72,7 +72,7 @@ class Scene(ABC):
         self.data = mujoco.MjData(self.model)
         self.observer: Callable[[], None] | None = None
         self.hidden = -1
-        self.outcome = Outcome(reading=-1, angle=0.0)
+        self.measurement = Measurement(reading=-1, angle=0.0)
         self._drives = [self.model.actuator(name).id for name in drives]
         self._knuckles = [self.model.actuator(name).id for name in knuckles]
         self._drive_joints = [self.model.joint(name).qposadr[0] for name in drives]
@@ -93,7 +93,7 @@ class Scene(ABC):
         """Return the hidden parts that the scene can realise, in the table's order."""
 
     @abstractmethod
-    def act(self, action: int) -> Outcome:
+    def act(self, action: int) -> Measurement:
         """Take one action; a move out of range is refused and leaves everything as it is."""
 
     @abstractmethod
@@ -106,7 +106,7 @@ class Scene(ABC):
 
     # -- what they share ------------------------------------------------------------------------------------
 
-    def reset(self, hidden: int, cell: int) -> Outcome:
+    def reset(self, hidden: int, cell: int) -> Measurement:
         """Begin an episode: place the objects and a neutral soft finger at ``cell``."""
         mujoco.mj_resetData(self.model, self.data)
         self.hidden = hidden
@@ -119,22 +119,22 @@ class Scene(ABC):
         self._set_stiffness(SOFT)
         mujoco.mj_forward(self.model, self.data)
         self._run(SETTLE_STEPS)
-        self.outcome = Outcome(reading=cell * self.bins + self.bins // 2, angle=0.0)
-        return self.outcome
+        self.measurement = Measurement(reading=cell * self.bins + self.bins // 2, angle=0.0)
+        return self.measurement
 
     def save(self) -> Snapshot:
         """Return a snapshot from which ``restore`` continues bit for bit."""
         size = mujoco.mj_stateSize(self.model, mujoco.mjtState.mjSTATE_INTEGRATION)
         physics = np.empty(size)
         mujoco.mj_getState(self.model, self.data, physics, mujoco.mjtState.mjSTATE_INTEGRATION)
-        return Snapshot(physics, self.hidden, self.outcome)
+        return Snapshot(physics, self.hidden, self.measurement)
 
     def restore(self, snapshot: Snapshot) -> None:
         """Continue from a snapshot of this scene."""
         if snapshot.hidden != self.hidden:
             self._place(snapshot.hidden)
         mujoco.mj_setState(self.model, self.data, snapshot.physics, mujoco.mjtState.mjSTATE_INTEGRATION)
-        self.hidden, self.outcome = snapshot.hidden, snapshot.outcome
+        self.hidden, self.measurement = snapshot.hidden, snapshot.measurement
 
     def _move(self, axis: int, direction: int, stiffness: float) -> None:
         """Drive the base one cell along ``axis`` and let the finger settle."""

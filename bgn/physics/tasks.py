@@ -15,7 +15,7 @@ import numpy as np
 
 from bgn.domains.domain import Domain
 from bgn.errors import InputError
-from bgn.physics.scene import Outcome, Scene
+from bgn.physics.scene import Measurement, Scene
 
 
 @dataclass(frozen=True)
@@ -37,15 +37,15 @@ class Finger(Protocol):
         ...
 
     @property
-    def outcome(self) -> Outcome:
+    def measurement(self) -> Measurement:
         """What was measured last."""
         ...
 
-    def reset(self, hidden: int, cell: int) -> Outcome:
+    def reset(self, hidden: int, cell: int) -> Measurement:
         """Place the objects, and the finger in a cell, neutral."""
         ...
 
-    def act(self, action: int) -> Outcome:
+    def act(self, action: int) -> Measurement:
         """Make a move; one out of range is refused and leaves everything as it is."""
         ...
 

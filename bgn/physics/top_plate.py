@@ -12,7 +12,7 @@ import numpy as np
 from bgn.domains.domain import Domain
 from bgn.domains.layout import TouchLayout
 from bgn.domains.top_plate import BINS, DOWN, GRASP, NEUTRAL, PLATES
-from bgn.physics.scene import HERE, SOFT, Outcome, Scene, contact_angle
+from bgn.physics.scene import HERE, SOFT, Measurement, Scene, contact_angle
 from bgn.physics.tasks import Finger, Step, Task, register
 
 PITCH: Final = 0.08
@@ -59,17 +59,17 @@ class TopPlateScene(Scene):
         """Return the level below the stack."""
         return [0]
 
-    def act(self, action: int) -> Outcome:
+    def act(self, action: int) -> Measurement:
         """Move one level down or up with a soft finger."""
         direction = -1 if action == DOWN else 1
         (level,) = self._measured_coordinates()
         if not 0 <= level + direction <= self.top:
-            return self.outcome
+            return self.measurement
         self._move(0, direction, SOFT)
         (level,), angle = self._measured_coordinates(), self._angle(0)
         reading = level * BINS + self._bin(angle)
-        self.outcome = Outcome(reading, angle, margin=self._angle_margin(angle))
-        return self.outcome
+        self.measurement = Measurement(reading, angle, margin=self._angle_margin(angle))
+        return self.measurement
 
     def _place(self, hidden: int) -> None:
         for level, geom in enumerate(self._plates, start=1):
@@ -106,9 +106,11 @@ class TopPlateTask(Task):
         """Move or grasp."""
         if action != GRASP:
             return Step(self.finger.act(action).reading)
-        level, angle = divmod(self.finger.outcome.reading, BINS)
+        level, angle = divmod(self.finger.measurement.reading, BINS)
         touches = angle != NEUTRAL
-        return Step(self.finger.outcome.reading, ended=True, success=touches and level == self.finger.hidden)
+        return Step(
+            self.finger.measurement.reading, ended=True, success=touches and level == self.finger.hidden
+        )
 
 
 def _specify() -> mujoco.MjSpec:

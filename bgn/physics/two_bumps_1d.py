@@ -8,7 +8,7 @@ from typing import Any, Final
 import mujoco
 
 from bgn.domains.two_bumps_1d import ACTIONS, BINS, CELLS, PAIRS, RIGHT_BUMP_RIGHT
-from bgn.physics.scene import HERE, SOFT, STIFF, Outcome, Scene, contact_angle
+from bgn.physics.scene import HERE, SOFT, STIFF, Measurement, Scene, contact_angle
 from bgn.physics.tasks import Step, Task, register
 
 PITCH: Final = 0.08
@@ -47,17 +47,17 @@ class TwoBumps1DScene(Scene):
         """Return all cells beside the bumps."""
         return [cell for cell in range(CELLS) if cell not in PAIRS[hidden]]
 
-    def act(self, action: int) -> Outcome:
+    def act(self, action: int) -> Measurement:
         """Move one cell to the left or right with a soft or stiff finger."""
         direction, stiff = (-1 if action < 2 else 1), action % 2 == 1
         (cell,) = self._measured_coordinates()
         if not 0 <= cell + direction < CELLS:
-            return self.outcome
+            return self.measurement
         self._move(0, direction, STIFF if stiff else SOFT)
-        self.outcome = self._measure()
-        return self.outcome
+        self.measurement = self._measure()
+        return self.measurement
 
-    def _measure(self) -> Outcome:
+    def _measure(self) -> Measurement:
         (cell,), angle = self._measured_coordinates(), self._angle(0)
         shifts = [
             float(self.data.qpos[joint] - start * PITCH)
@@ -69,7 +69,7 @@ class TwoBumps1DScene(Scene):
         margin = min(abs(abs(s) - MOVED) / PUSH for s in shifts)
         # The angle after a push is of no consequence: the episode is over.
         margin = margin if pushed else min(margin, self._angle_margin(angle))
-        return Outcome(cell * BINS + self._bin(angle), angle, pushed, margin)
+        return Measurement(cell * BINS + self._bin(angle), angle, pushed, margin)
 
     def _place(self, hidden: int) -> None:
         for joint, cell in zip(self._bumps, PAIRS[hidden], strict=True):
@@ -91,6 +91,6 @@ class TwoBumps1DTask(Task):
 
     def act(self, action: int) -> Step:
         """Move softly or stiffly."""
-        outcome = self.finger.act(action)
-        success = outcome.pushed == RIGHT_BUMP_RIGHT
-        return Step(outcome.reading, ended=outcome.pushed != 0, success=success)
+        measurement = self.finger.act(action)
+        success = measurement.pushed == RIGHT_BUMP_RIGHT
+        return Step(measurement.reading, ended=measurement.pushed != 0, success=success)

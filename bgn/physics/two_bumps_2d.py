@@ -10,7 +10,7 @@ import numpy as np
 
 from bgn.domains.domain import Domain
 from bgn.domains.two_bumps_2d import BINS, CELLS, FLAGS, GRASP, NEUTRAL, PAIRS, SIDE
-from bgn.physics.scene import HERE, SOFT, Outcome, Scene, contact_angle
+from bgn.physics.scene import HERE, SOFT, Measurement, Scene, contact_angle
 from bgn.physics.tasks import Finger, Step, Task, register
 
 PITCH: Final = 0.16
@@ -51,17 +51,17 @@ class TwoBumps2DScene(Scene):
         """Return all cells beside the bumps."""
         return [cell for cell in range(CELLS) if cell not in PAIRS[hidden]]
 
-    def act(self, action: int) -> Outcome:
+    def act(self, action: int) -> Measurement:
         """Move one cell with a soft finger; the angle read is the one along the motion."""
         axis, direction = STEPS[action]
         if not 0 <= self._measured_coordinates()[axis] + direction < SIDE:
-            return self.outcome
+            return self.measurement
         self._move(axis, direction, SOFT)
         column, row = self._measured_coordinates()
         angle = self._angle(axis)
         reading = (row * SIDE + column) * BINS + self._bin(angle)
-        self.outcome = Outcome(reading, angle, margin=self._angle_margin(angle))
-        return self.outcome
+        self.measurement = Measurement(reading, angle, margin=self._angle_margin(angle))
+        return self.measurement
 
     def _place(self, hidden: int) -> None:
         for bump, cell in enumerate(PAIRS[hidden]):
@@ -94,9 +94,9 @@ class TwoBumps2DTask(Task):
         """Move or grasp."""
         if action != GRASP:
             return self._step(self.finger.act(action).reading)
-        size = abs(self.finger.outcome.reading % BINS - NEUTRAL)
+        size = abs(self.finger.measurement.reading % BINS - NEUTRAL)
         success = size == 2 and self._felt == FLAGS - 1
-        return Step(self._step(self.finger.outcome.reading).x, ended=True, success=success)
+        return Step(self._step(self.finger.measurement.reading).x, ended=True, success=success)
 
     def _step(self, reading: int) -> Step:
         size = abs(reading % BINS - NEUTRAL)

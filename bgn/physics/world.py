@@ -33,7 +33,7 @@ class Policy(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Moment:
+class EpisodeState:
     """Where an episode in physics stands."""
 
     observation: int
@@ -58,14 +58,6 @@ class Evaluation(TypedDict):
     episodes: int
 
 
-class Comparison(TypedDict):
-    """Result of :func:`compare_with_table`."""
-
-    steps: int
-    violations: int
-    pairs: int
-
-
 class PhysicsWorld:
     """One lane of a robot domain in physics, with the domain's belief beside it."""
 
@@ -76,27 +68,27 @@ class PhysicsWorld:
         self.task = task(domain, self.scene)
         self._seen = observations(domain)
         self._y = -1
-        self._now: Moment | None = None
+        self._now: EpisodeState | None = None
 
     @property
-    def now(self) -> Moment:
-        """The current moment; an error before the first ``reset``."""
+    def now(self) -> EpisodeState:
+        """The current state; an error before the first ``reset``."""
         if self._now is None:
             raise RuntimeError("reset() must be called before the first step")
         return self._now
 
-    def reset(self, rng: np.random.Generator) -> Moment:
+    def reset(self, rng: np.random.Generator) -> EpisodeState:
         """Begin an episode drawn from the domain's start distribution."""
         return self.reset_to(*draw_start(self.domain, rng))
 
-    def reset_to(self, x: int, y: int) -> Moment:
+    def reset_to(self, x: int, y: int) -> EpisodeState:
         """Begin an episode at a chosen start (x, y)."""
         self._y = y
         step = self.task.reset(x, y)
-        self._now = self._moment(step, start_belief(self.domain, step.x), steps=0)
+        self._now = self._state_after(step, start_belief(self.domain, step.x), steps=0)
         return self._now
 
-    def step(self, action: int) -> Moment:
+    def step(self, action: int) -> EpisodeState:
         """Take one action.
 
         Raises
@@ -113,20 +105,20 @@ class PhysicsWorld:
             raise InputError(f"action {action} is not in 0..{n_actions - 1}")
         step = self.task.act(action)
         belief = now.belief if step.ended else self._next_belief(now, action, step.x)
-        self._now = self._moment(step, belief, steps=now.steps + 1)
+        self._now = self._state_after(step, belief, steps=now.steps + 1)
         return self._now
 
-    def _next_belief(self, now: Moment, action: int, x_next: int) -> Floats:
+    def _next_belief(self, now: EpisodeState, action: int, x_next: int) -> Floats:
         observation = int(self._seen[x_next])
         return next_belief(self.domain, now.belief, action, observation, x=now.x, x_next=x_next)
 
-    def _moment(self, step: Step, belief: Floats, steps: int) -> Moment:
-        return Moment(
+    def _state_after(self, step: Step, belief: Floats, steps: int) -> EpisodeState:
+        return EpisodeState(
             observation=int(self._seen[step.x]),
             x=step.x,
             y=self._y,
             belief=belief,
-            angle=self.scene.outcome.angle,
+            angle=self.scene.measurement.angle,
             ended=step.ended,
             truncated=not step.ended and steps >= self.domain.episode_limit,
             success=step.success,
@@ -171,43 +163,8 @@ def play(domain: Domain, task: Task, policy: Policy, rng: np.random.Generator) -
     return False, domain.episode_limit
 
 
-def compare_with_table(
-    domain_id: str, steps: int, seed: int, **variant: str | int | float | bool
-) -> Comparison:
-    """Replay random physics steps against the table; violations count steps of another x', end or reward.
-
-    ``pairs`` is how many different (x, y, action) were visited.
-    """
-    domain = domains.get(domain_id, **variant)
-    task, rng = PhysicsWorld(domain).task, np.random.default_rng(seed)
-    joint, Y = domain.model.joint, domain.model.n_hidden
-    violations, visited = 0, set()
-    step, y, length = Step(0, ended=True), 0, 0
-    for _ in range(steps):
-        if step.ended or length == domain.episode_limit:
-            x, y = draw_start(domain, rng)
-            step, length = task.reset(x, y), 0
-        s, action = step.x * Y + y, _random_action(joint.n_actions, rng)
-        visited.add((s, action))
-        step, length = task.act(action), length + 1
-        expected = Step(
-            x=step.x if joint.reset[action, s] else int(joint.transitions[action].indices[s]) // Y,
-            ended=bool(joint.reset[action, s]),
-            success=bool(joint.expected_rewards[action, s] == 1),
-        )
-        violations += step != expected
-    return Comparison(steps=steps, violations=violations, pairs=len(visited))
-
-
 def observations(domain: Domain) -> NDArray[np.integer[Any]]:
     """Return the observation of each x, shape (X,); a robot domain's depends on nothing else."""
     rows = domain.model.joint.observations[0].indices  # one per joint state
     seen: NDArray[np.integer[Any]] = rows[:: domain.model.n_hidden]
     return seen
-
-
-def _random_action(n_actions: int, rng: np.random.Generator) -> int:
-    """Draw an action, the last one (a grasp, or a stiff move) rarely, so that episodes go deep."""
-    weights = np.ones(n_actions)
-    weights[-1] = 0.2
-    return int(rng.choice(n_actions, p=weights / weights.sum()))

@@ -14,7 +14,7 @@ from PIL import ImageDraw, ImageFont
 
 from bgn.domains.domain import Domain
 from bgn.physics import RenderingUnavailableError
-from bgn.physics.world import Moment, PhysicsWorld, Policy
+from bgn.physics.world import EpisodeState, PhysicsWorld, Policy
 from bgn.pictures.belief_panels import (
     FINGER,
     LEFT_BUMP,
@@ -47,9 +47,9 @@ class Grounded(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """One moment of an episode and how the scene moved to get there."""
+    """One state of an episode and how the scene moved to get there."""
 
-    moment: Moment
+    state: EpisodeState
     predicted: Belief | None
     action: str
     frames: list[Image] = field(default_factory=list)
@@ -92,21 +92,21 @@ def record_if_possible(domain: Domain, policy: Policy, seed: int) -> Film:
 def _shots(
     world: PhysicsWorld, camera: Camera | None, policy: Policy, rng: np.random.Generator
 ) -> Iterator[Shot]:
-    moment = world.reset(rng)
+    state = world.reset(rng)
     policy.reset(rng)
     names = world.domain.model.joint.action_names
     label, action = "start", None
     frames = [] if camera is None else [camera.frame()]
-    while not (moment.ended or moment.truncated):
-        choice = policy.act(moment.observation, action)
-        yield Shot(moment, _predicted(policy), label, frames)
+    while not (state.ended or state.truncated):
+        choice = policy.act(state.observation, action)
+        yield Shot(state, _predicted(policy), label, frames)
         action, label, frames = choice, names[choice], []
         if camera is not None:
             world.scene.observer = _Ticker(camera, frames).tick
-        moment = world.step(choice)
+        state = world.step(choice)
         if camera is not None:
             frames.append(camera.frame())
-    yield Shot(moment, _predicted(policy), label, frames)
+    yield Shot(state, _predicted(policy), label, frames)
 
 
 class _Ticker:
@@ -196,17 +196,17 @@ def _column(domain: Domain, number: int, shot: Shot) -> Pillow.Image:
 
 def _panels(domain: Domain, shot: Shot) -> Image:
     beliefs: dict[str, Belief] = {} if shot.predicted is None else {"predicted belief": shot.predicted}
-    beliefs["true belief"] = shot.moment.belief
+    beliefs["true belief"] = shot.state.belief
     width, height = panel_size(domain)
-    return draw_panels(domain, shot.moment.x, shot.moment.y, beliefs, (width, height * len(beliefs)))
+    return draw_panels(domain, shot.state.x, shot.state.y, beliefs, (width, height * len(beliefs)))
 
 
 def _caption(number: int, shot: Shot) -> tuple[str, tuple[int, int, int]]:
-    text, moment = f"t = {number}   {shot.action}", shot.moment
-    if moment.success:
+    text, state = f"t = {number}   {shot.action}", shot.state
+    if state.success:
         return f"{text}   success", GOOD
-    if moment.ended or moment.truncated:
-        return f"{text}   {'failure' if moment.ended else 'out of time'}", BAD
+    if state.ended or state.truncated:
+        return f"{text}   {'failure' if state.ended else 'out of time'}", BAD
     return text, INK
 
 

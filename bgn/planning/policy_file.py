@@ -17,6 +17,11 @@ from bgn.errors import BgnError
 from bgn.planning.alpha_vectors import AlphaVectors
 from bgn.pomdp.model import Floats
 
+#: Most numbers of all vectors together, beside those that the file itself has room for.
+MAX_NUMBERS = 20_000_000
+#: Above every size and index that fits in memory.
+_MAX_INTEGER = 2**31 - 1
+
 _XSI = "http://www.w3.org/2001/XMLSchema-instance"
 
 
@@ -56,7 +61,7 @@ def load(path: str | os.PathLike[str]) -> AlphaVectors:
     """
     try:
         root = ElementTree.parse(path).getroot()
-    except ElementTree.ParseError as error:
+    except (ElementTree.ParseError, LookupError, ValueError) as error:  # the latter two: of its encoding
         raise PolicyFormatError(f"{path}: not XML: {error}") from None
     pool = root.find("AlphaVector")
     if root.tag != "Policy" or pool is None:
@@ -66,6 +71,9 @@ def load(path: str | os.PathLike[str]) -> AlphaVectors:
     declared = _count(path, pool, "numVectors")
     if len(elements) != declared or not elements:
         raise PolicyFormatError(f"{path}: numVectors is {declared}, but there are {len(elements)} vectors")
+    size, most = len(elements) * n_observed * length, MAX_NUMBERS + 3 * os.stat(path).st_size
+    if size > most:
+        raise PolicyFormatError(f"{path}: vectors of {size} numbers in all; expected at most {most}")
     parts = np.stack([_entries(path, row, element, length) for row, element in enumerate(elements)])
     vectors = np.full((len(elements), n_observed, length), parts.min() - 1.0)
     x = [_index(path, row, element, "obsValue", n_observed) for row, element in enumerate(elements)]
@@ -76,19 +84,30 @@ def load(path: str | os.PathLike[str]) -> AlphaVectors:
 
 def _count(path: str | os.PathLike[str], pool: ElementTree.Element, name: str) -> int:
     text = pool.get(name, "")
-    if not text.strip().isdecimal() or int(text) < 1:
-        raise PolicyFormatError(f"{path}: <AlphaVector> needs {name} as a positive number, found {text!r}")
-    return int(text)
+    value = _integer(text)
+    if value is None or value < 1:
+        found = f"found {text[:40]!r}"
+        raise PolicyFormatError(f"{path}: <AlphaVector> needs {name} as a positive number, {found}")
+    return value
 
 
 def _index(
     path: str | os.PathLike[str], row: int, element: ElementTree.Element, name: str, limit: int | None
 ) -> int:
     text = element.get(name, "")
-    if not text.strip().isdecimal() or (limit is not None and int(text) >= limit):
+    value = _integer(text)
+    if value is None or (limit is not None and value >= limit):
         expected = "a number" if limit is None else f"a number below {limit}"
-        raise PolicyFormatError(f"{path}: vector {row} needs {name} as {expected}, found {text!r}")
-    return int(text)
+        raise PolicyFormatError(f"{path}: vector {row} needs {name} as {expected}, found {text[:40]!r}")
+    return value
+
+
+def _integer(text: str) -> int | None:
+    """Return the number that a text of digits is, None if it is none that could be meant."""
+    digits = text.strip()
+    if not (digits.isascii() and digits.isdecimal() and len(digits) <= len(str(_MAX_INTEGER))):
+        return None
+    return int(digits) if int(digits) <= _MAX_INTEGER else None
 
 
 def _entries(path: str | os.PathLike[str], row: int, element: ElementTree.Element, length: int) -> Floats:
@@ -99,9 +118,12 @@ def _entries(path: str | os.PathLike[str], row: int, element: ElementTree.Elemen
         else:
             values = np.zeros(length)
             for entry in element.iter("Entry"):
-                index, number = (entry.text or "").split()
-                values[int(index)] = float(number)
-    except (ValueError, IndexError) as error:
+                where, number = (entry.text or "").split()
+                index = _integer(where)
+                if index is None or index >= length:
+                    raise ValueError(f"index {where[:40]} is out of range; expected 0 to {length - 1}")
+                values[index] = float(number)
+    except ValueError as error:
         raise PolicyFormatError(f"{path}: vector {row}: {error}") from None
     if values.size != length or not np.isfinite(values).all():
         raise PolicyFormatError(f"{path}: vector {row} needs {length} finite numbers, found {values.size}")

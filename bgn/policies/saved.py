@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, Self
 
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from bgn import domains
-from bgn.agents.hyperparameters import Hyperparameters
+from bgn.agents.hyperparameters import CommonHyperparameters, Hyperparameters
 from bgn.agents.networks import AgentNetworks
 from bgn.agents.specs import agent
 from bgn.domains.domain import Domain
@@ -29,6 +29,8 @@ from bgn.simulation.belief_rules import next_belief, start_belief
 from bgn.simulation.table_world import Inputs
 
 FORMAT = "bgn-policy-1"
+#: Most hidden layers that a file may ask for.
+MAX_LAYERS = 64
 
 
 class PolicyFileError(BgnError, ValueError):
@@ -41,7 +43,7 @@ def save_policy(
     *,
     domain: str,
     agent: str,
-    hyperparameters: Hyperparameters,
+    hyperparameters: CommonHyperparameters,
     variant: Mapping[str, str | int | float | bool] | None = None,
 ) -> None:
     """Write the actor's parameters (:attr:`RunResult.policy`) as a safetensors file with its description."""
@@ -53,7 +55,7 @@ def save_policy(
         "hyperparameters": asdict(hyperparameters),
     }
     contiguous = {name: tensor.contiguous() for name, tensor in tensors.items()}
-    safetensors.torch.save_file(contiguous, path, metadata={"bgn": json.dumps(description)})
+    path.write_bytes(safetensors.torch.save(contiguous, metadata={"bgn": json.dumps(description)}))
 
 
 class Policy:
@@ -76,7 +78,7 @@ class Policy:
         tensors: Mapping[str, Tensor],
         domain: Domain,
         agent_id: str,
-        hyperparameters: Hyperparameters,
+        hyperparameters: CommonHyperparameters,
         *,
         greedy: bool = True,
     ) -> None:
@@ -109,9 +111,11 @@ class Policy:
         try:
             tensors = safetensors.torch.load_file(path)
             domain = domains.get(description["domain"], **description["variant"])
-            settings = Hyperparameters(**description["hyperparameters"])
+            settings = _settings(description["hyperparameters"])
             return cls(tensors, domain, description["agent"], settings, greedy=greedy)
-        except (KeyError, TypeError, ValueError) as error:
+        except KeyError as error:
+            raise PolicyFileError(f"{path}: its description says nothing of {error}") from error
+        except (TypeError, ValueError, AttributeError, safetensors.SafetensorError) as error:
             raise PolicyFileError(f"{path}: {error}") from error
 
     def reset(self, generator: np.random.Generator | None = None) -> None:
@@ -171,11 +175,25 @@ def describe(path: Path) -> dict[str, Any]:
         raise PolicyFileError(f"{path} is not a safetensors file: {error}") from error
     try:
         description = json.loads(metadata.get("bgn", "{}"))
-    except json.JSONDecodeError:
+    except (ValueError, RecursionError):  # no JSON, a number or nesting beyond all measure
         description = None
     if not isinstance(description, dict) or description.get("format") != FORMAT:
         raise PolicyFileError(f"{path} is not a policy of this project (format {FORMAT!r} expected)")
     return description
+
+
+def _settings(described: Any) -> Hyperparameters:
+    """Return a description's settings, each of its type: what is built from them must have a sane size."""
+    settings = Hyperparameters(**described)
+    defaults = Hyperparameters()
+    for field in fields(Hyperparameters):
+        value, kind = getattr(settings, field.name), type(getattr(defaults, field.name))
+        if not (type(value) is kind or (kind is float and type(value) is int)):
+            raise ValueError(f"hyperparameter {field.name} is {value!r}; expected a {kind.__name__}")
+    if not 0 <= settings.recurrent_hidden_layers <= MAX_LAYERS:
+        found = settings.recurrent_hidden_layers
+        raise ValueError(f"hyperparameter recurrent_hidden_layers is {found}; expected 0 to {MAX_LAYERS}")
+    return settings
 
 
 class _BeliefTracker:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from math import inf, isfinite
+from typing import Final
 
 import numpy as np
 from lark import Token
+from numpy.typing import NDArray
 
-from bgn.pomdp.errors import PomdpFormatError, fault
+from bgn.pomdp._limits import MAX_ACTIONS, MAX_SIZE
+from bgn.pomdp.errors import PomdpFormatError, fault, shown, without_comments
 from bgn.pomdp.model import SUM_TOLERANCE, Floats
 
 RESERVED = frozenset(
@@ -19,38 +21,43 @@ RESERVED = frozenset(
     )
 )
 
-MAX_SIZE = 1_000_000
-"""Most states, actions or observations, and most pairs of state and action: beyond lies a slip of the pen."""
+ALL: Final = -1
+"""What :meth:`Space.find` returns for ``*``."""
 
 
 class Space:
     """The states, actions or observations of a file, and the ways to refer to them."""
 
-    def __init__(self, kind: str, names: tuple[str, ...]) -> None:
+    def __init__(self, kind: str, names: tuple[str, ...], *, numbered: bool = False) -> None:
         self.kind = kind
         self.names = names
-        self._found: dict[str, Sequence[int]] = {"*": range(len(names))}
-        self._found.update((name, (i,)) for i, name in enumerate(names))
+        self._found = {"*": ALL}
+        if not numbered:  # indices are found as they are met: of a million most never are
+            self._found.update((name, i) for i, name in enumerate(names))
 
     def __len__(self) -> int:
         return len(self.names)
 
-    def find(self, reference: str) -> Sequence[int] | None:
-        """Return the indices meant by a name, an index or ``*``; None if there is no such thing."""
+    def find(self, reference: str) -> int | None:
+        """Return the index meant by a name or an index, ``ALL`` for ``*``; None if there is no such thing."""
         found = self._found.get(reference)
-        if found is None and reference.isdecimal() and len(reference.lstrip("0")) <= len(str(len(self))):
-            index = int(reference)
-            found = (index,) if index < len(self) else None
-            if found:
-                self._found[reference] = found
+        if found is None and reference.isdecimal():
+            digits = reference.lstrip("0") or "0"
+            if len(digits) <= len(str(len(self))) and int(digits) < len(self):
+                found = self._found[reference] = int(digits)
         return found
 
     def unknown(self, reference: str) -> str:
         """Say why :meth:`find` found nothing."""
         if reference.isdecimal():
-            return f"{self.kind} index {reference} is out of range; expected 0 to {len(self) - 1}"
-        shown = ", ".join(self.names[:8]) + (", …" if len(self) > 8 else "")
-        return f"unknown {self.kind} '{reference}'; expected one of {shown}"
+            return f"{self.kind} index {shown(reference)} is out of range; expected 0 to {len(self) - 1}"
+        known = ", ".join(map(shown, self.names[:8])) + (", …" if len(self) > 8 else "")
+        return f"unknown {self.kind} '{shown(reference)}'; expected one of {known}"
+
+
+def words(tokens: Iterable[Token]) -> list[str]:
+    """Return the words of several runs of them."""
+    return [word for token in tokens for word in without_comments(token).split()]
 
 
 def numbers(tokens: Sequence[Token], expected: int, what: str, *, probabilities: bool) -> Floats:
@@ -61,36 +68,30 @@ def numbers(tokens: Sequence[Token], expected: int, what: str, *, probabilities:
     PomdpFormatError
         Too few or too many, an infinite one or, of probabilities, one outside [0, 1].
     """
-    words = [word for token in tokens for word in token.split()]
-    if len(words) != expected:
-        raise fault(f"expected {expected} number(s) for {what}, found {len(words)}", tokens[0])
-    values = np.array(words, dtype=np.float64)
-    wrong = (values < 0) | (values > 1) if probabilities else ~np.isfinite(values)
+    found = words(tokens)
+    if len(found) != expected:
+        raise fault(f"expected {expected} number(s) for {what}, found {len(found)}", tokens[0])
+    values, wrong = read_numbers(found, probabilities=probabilities)
     if wrong.any():
         at = int(wrong.argmax())
         wanted = "a probability between 0 and 1" if probabilities else "a finite number"
-        raise _fault_at(f"expected {wanted} for {what}, found {words[at]}", tokens, at)
+        raise fault_at(f"expected {wanted} for {what}, found {shown(found[at])}", tokens, at)
     return values
 
 
-def number(token: Token, what: str, *, probability: bool) -> float:
-    """Return the one number in the token, as :func:`numbers` does."""
-    try:
-        value = float(token)
-    except ValueError:  # a run of several numbers
-        value = inf
-    if 0 <= value <= 1 or (isfinite(value) and not probability):
-        return value
-    return float(numbers([token], 1, what, probabilities=probability)[0])  # raises
+def read_numbers(words: Sequence[str], *, probabilities: bool) -> tuple[Floats, NDArray[np.bool_]]:
+    """Return numbers, and which of them are infinite or no probabilities."""
+    values = np.fromiter(map(float, words), np.float64, len(words))
+    return values, (values < 0) | (values > 1) if probabilities else ~np.isfinite(values)
 
 
-def _fault_at(message: str, tokens: Sequence[Token], part: int) -> PomdpFormatError:
+def fault_at(message: str, tokens: Sequence[Token], part: int) -> PomdpFormatError:
     """Return the error at the ``part``-th word of several tokens."""
     for token in tokens:
-        words = len(token.split())
-        if part < words:
+        count = len(words([token]))
+        if part < count:
             return fault(message, token, part)
-        part -= words
+        part -= count
     raise IndexError("no such word")
 
 
@@ -107,7 +108,7 @@ class Declarations:
     def discount(self, key: Token, value: Token) -> None:
         """``discount: 0.95``."""
         self._once(key)
-        self.discount_value = number(value, "the discount", probability=True)
+        self.discount_value = float(numbers([value], 1, "the discount", probabilities=True)[0])
 
     def values(self, key: Token, kind: Token) -> None:
         """``values: reward`` or ``values: cost``."""
@@ -119,19 +120,26 @@ class Declarations:
         self._once(key)
         kind = str(key).removesuffix("s")
         if items[0].type == "COUNT":
-            count = int(items[0]) if len(items[0].lstrip("0")) <= len(str(MAX_SIZE)) else MAX_SIZE + 1
-            if not 1 <= count <= MAX_SIZE:
-                raise fault(f"expected 1 to {MAX_SIZE} {key}, found {items[0]}", items[0])
-            self.spaces[kind] = Space(kind, tuple(map(str, range(count))))
+            count = self._count(key, items[0])
+            self.spaces[kind] = Space(kind, tuple(map(str, range(count))), numbered=True)
             return
-        names: set[str] = set()
-        for item in items:
-            if item in RESERVED:
-                raise fault(f"{str(item)!r} is a keyword; expected a name for a {kind}", item)
-            if item in names:
-                raise fault(f"{kind} {str(item)!r} is named twice", item)
-            names.add(str(item))
-        self.spaces[kind] = Space(kind, tuple(map(str, items)))
+        names = words(items)
+        seen: set[str] = set()
+        for i, name in enumerate(names):
+            if name in RESERVED:
+                raise fault_at(f"{name!r} is a keyword; expected a name for a {kind}", items, i)
+            if name in seen:
+                raise fault_at(f"{kind} {shown(name)!r} is named twice", items, i)
+            seen.add(name)
+        self.spaces[kind] = Space(kind, tuple(names))
+
+    @staticmethod
+    def _count(key: Token, token: Token) -> int:
+        digits = token.lstrip("0") or "0"
+        count = int(digits) if len(digits) <= len(str(MAX_SIZE)) else MAX_SIZE + 1
+        if not 1 <= count <= MAX_SIZE:
+            raise fault(f"expected 1 to {MAX_SIZE} {key}, found {shown(token)}", token)
+        return count
 
     def start(self, key: Token, *items: Token) -> None:
         """``start:`` a distribution, ``uniform``, a name or an index."""
@@ -158,7 +166,10 @@ class Declarations:
         for key in ("discount", "values", "states", "actions", "observations"):
             if key not in self._seen:
                 raise PomdpFormatError(f"expected a '{key}:' declaration before this", line, column)
-        pairs = len(self.spaces["state"]) * len(self.spaces["action"])
+        actions = len(self.spaces["action"])
+        if actions > MAX_ACTIONS:
+            raise PomdpFormatError(f"expected at most {MAX_ACTIONS} actions, found {actions}", line, column)
+        pairs = len(self.spaces["state"]) * actions
         if pairs > MAX_SIZE:
             message = f"expected at most {MAX_SIZE} pairs of state and action, found {pairs}"
             raise PomdpFormatError(message, line, column)
@@ -182,13 +193,15 @@ class Declarations:
                 )
             return row
         chosen = np.zeros(len(states), dtype=np.bool_)
-        for token in tokens:
-            found = states.find(token)
+        named = words(tokens)
+        for i, word in enumerate(named):
+            found = states.find(word)
             if found is None:
-                raise fault(states.unknown(token), token)
+                raise fault_at(states.unknown(word), tokens, i)
             chosen[found] = True
         if form == "exclude":
             chosen = ~chosen
             if not chosen.any():
-                raise fault("expected a state left to start in, but every one is excluded", tokens[-1])
+                message = "expected a state left to start in, but every one is excluded"
+                raise fault_at(message, tokens, len(named) - 1)
         return np.where(chosen, 1 / chosen.sum(), 0.0)

@@ -8,6 +8,9 @@ from lark import Token
 
 from bgn.errors import BgnError
 
+_COMMENT = re.compile(r"#[^\n]*")
+_SHOWN = 40
+
 
 class PomdpFormatError(BgnError, ValueError):
     """Not a valid .pomdp model: ``message``, found at ``line`` and ``column`` (from 1) of ``source``."""
@@ -25,9 +28,19 @@ class PomdpFormatError(BgnError, ValueError):
 
 def fault(message: str, token: Token, part: int = 0, words: str = r"\S+") -> PomdpFormatError:
     """Return the error at the ``part``-th match of ``words`` within a token (which may span lines)."""
-    matches = list(re.finditer(words, token))
-    offset = matches[part].start() if part < len(matches) else 0
+    matches = re.finditer(words, without_comments(token))
+    offset = next((match.start() for i, match in enumerate(matches) if i == part), 0)
     before = token[:offset]
     line = (token.line or 1) + before.count("\n")
     column = offset - before.rfind("\n") if "\n" in before else (token.column or 1) + offset
     return PomdpFormatError(message, line, column)
+
+
+def without_comments(text: str) -> str:
+    """Return the text with blanks in place of its comments."""
+    return _COMMENT.sub(lambda comment: " " * len(comment[0]), text) if "#" in text else str(text)
+
+
+def shown(word: str) -> str:
+    """Return a word of the file for a message, cut where it is longer than anyone would read."""
+    return word if len(word) <= _SHOWN else word[:_SHOWN] + "…"

@@ -33,6 +33,7 @@ _WITHOUT: Final = (
     "bgn.domains.registry",  # how a domain is found and built; its tables are hashed
     "bgn.domains.layout",  # for pictures
     "bgn.training.checkpoint:save",  # how a file is written
+    "bgn.training.cuda",  # how cells share a GPU
 )
 
 #: What a run executes whose final policy is also evaluated in physics.
@@ -41,7 +42,7 @@ TRAINING_WITH_PHYSICS: Final = Scope(
 )
 #: What any other run executes.
 TRAINING: Final = replace(
-    TRAINING_WITH_PHYSICS, without=(*_WITHOUT, "bgn.training.trainer:_Stack._in_physics")
+    TRAINING_WITH_PHYSICS, without=(*_WITHOUT, "bgn.training.physics_evaluation:evaluate_policy")
 )
 #: What the row of a reference policy executes.
 PLANNING: Final = replace(

@@ -47,8 +47,9 @@ REFERENCE_IDENTITY: Columns = {
 RowKind = Literal["runs", "references"]
 IDENTITIES: Mapping[RowKind, Columns] = {"runs": RUN_IDENTITY, "references": REFERENCE_IDENTITY}
 
-#: How it ended: ``ok`` or ``failed``, and then why.
-OUTCOME: Columns = {"status": _TEXT, "error": _TEXT, "traceback": _TEXT}
+#: How it ended: ``ok`` or ``failed``, and then why; and what a row that is ``ok`` still lacks, which a later call
+#: fills in (null: nothing).
+OUTCOME: Columns = {"status": _TEXT, "error": _TEXT, "traceback": _TEXT, "missing": _TEXT}
 
 #: What determines the row (:class:`bgn.results.provenance.Origin`) and what it was computed with.
 PROVENANCE: Columns = {
@@ -94,21 +95,13 @@ RUN_METRICS = (
     "wall_seconds",
     "cpu_seconds",
 )
+#: Metrics of a run whose final policy was evaluated in physics.
+PHYSICS_METRICS = ("physics_success", "physics_success_se", "physics_length", "physics_episodes")
 #: Metrics every finished reference row has.
 REFERENCE_METRICS = ("return", "return_se", "return_sd")
 
-#: Columns of a learning curve, after ``run`` and ``key``.
-CURVE_COLUMNS = (
-    "env_steps",
-    "return_100",
-    "success_100",
-    "episodes",
-    "entropy",
-    "actor_loss",
-    "critic_loss",
-    "belief_cross_entropy",
-    "seconds",
-)
+#: Columns that every learning curve has, after ``run`` and ``key``; the algorithm's losses are further ones.
+CURVE_COLUMNS = ("env_steps", "return_100", "success_100", "episodes", "seconds")
 
 
 class SchemaError(BgnError, ValueError):
@@ -136,6 +129,13 @@ def row(identity: Columns, values: Mapping[str, Any], metrics: Mapping[str, floa
         raise SchemaError(f"row {values.get('run')}: {error}") from error
 
 
+def filled_in(table: pa.Table, metrics: Mapping[str, float], columns: Mapping[str, str | None]) -> pa.Table:
+    """Return a one-row table with the metrics it lacked, ``columns`` replaced, and nothing missing any more."""
+    values = {**table.to_pylist()[0], **metrics, **columns, "missing": None}
+    added = [pa.field(name, _REAL) for name in metrics if name not in table.column_names]
+    return pa.Table.from_pylist([values], schema=pa.schema([*table.schema, *added]))
+
+
 def check_metrics(run: str, metrics: Mapping[str, float], needed: Iterable[str]) -> None:
     """Raise :class:`SchemaError` unless all needed metrics are there."""
     missing = [name for name in needed if name not in metrics]
@@ -148,7 +148,7 @@ def curve_table(run: str, key: str, curve: pd.DataFrame) -> pa.Table:
     missing = [name for name in CURVE_COLUMNS if name not in curve.columns]
     if missing:
         raise SchemaError(f"the curve of {run} has no {', '.join(missing)}")
-    identified = curve[list(CURVE_COLUMNS)].copy()
+    identified = curve.copy()
     identified.insert(0, "run", run)
     identified.insert(1, "key", key)
     return pa.Table.from_pandas(identified, preserve_index=False)

@@ -15,7 +15,9 @@ is printed, and ``.work/`` unfinished stacks of runs, which are no results.
 from __future__ import annotations
 
 import contextlib
+import errno
 import fcntl
+import os
 import pathlib
 from collections.abc import Iterator
 from typing import Literal
@@ -25,14 +27,27 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from bgn.errors import BgnError
-from bgn.results.atomic import TORN, write_atomically
+from bgn.results import schema
+from bgn.results.atomic import TORN, write_bytes
 
 Kind = Literal["runs", "curves", "references", "measures"]
 _FAILED = ".failed"
+_ADVICE = "; `python -m benchmarks run` sets aside what is damaged and computes it anew"
+#: Above every shard: what asks for more is damaged, or meant to fill the memory.
+MAX_ROWS = 1_000_000
+MAX_SHARD_BYTES = 1 << 28
+
+
+#: What an operating system says when nothing more can be written, whatever it is.
+_STORAGE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO}
 
 
 class StoreError(BgnError, RuntimeError):
     """The store cannot be read or written; the message names the file and what to do."""
+
+
+class StorageError(StoreError):
+    """Nothing more can be written: the disk is full, read-only or broken."""
 
 
 class Store:
@@ -80,9 +95,18 @@ class Store:
         paths = sorted((self.root / kind).rglob("[!.]*.parquet"))
         if not paths:
             return pd.DataFrame()
-        tables = [_read_shard(path) for path in paths]
-        frame: pd.DataFrame = pa.concat_tables(tables, promote_options="default").to_pandas()
-        return frame
+        tables = []
+        for path in paths:
+            with contextlib.suppress(FileNotFoundError):  # a failure forgotten since by a run that goes on
+                tables.append(read_shard(path))
+        try:
+            frame: pd.DataFrame = pa.concat_tables(tables, promote_options="default").to_pandas()
+        except pa.ArrowException as error:
+            raise StoreError(
+                f"the shards in {self.root / kind} do not fit together: {error}{_ADVICE}"
+            ) from error
+        lacking = () if kind == "curves" else {*schema.OUTCOME, *schema.PROVENANCE} - set(frame)
+        return frame.assign(**dict.fromkeys(lacking))  # all of an older version, which knew fewer columns
 
     @contextlib.contextmanager
     def lock(self) -> Iterator[None]:
@@ -94,30 +118,82 @@ class Store:
             Another process holds the lock.
         """
         work = self.root / ".work"
-        work.mkdir(parents=True, exist_ok=True)
-        with (work / "lock").open("w") as handle:
+        with writing_to(self.root):
+            work.mkdir(parents=True, exist_ok=True)
+            handle = (work / "lock").open("a+", encoding="utf-8")
+        with handle:
             try:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError as error:
-                message = f"another process is writing to {self.root}; wait for it or stop it"
+                handle.seek(0)
+                holder = handle.read().strip() or "?"
+                message = f"another process ({holder}) is writing to {self.root}; wait for it or stop it"
                 raise StoreError(message) from error
-            for torn in self.root.rglob(TORN):
-                torn.unlink(missing_ok=True)
+            with writing_to(self.root):
+                handle.truncate(0)
+                handle.write(f"{os.getpid()}\n")
+                handle.flush()
+                self._sweep()
             yield
+
+    def _sweep(self) -> None:
+        """Remove what killed processes left half written."""
+        for torn in self.root.rglob(TORN):
+            torn.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def writing_to(root: pathlib.Path) -> Iterator[None]:
+    """Say in the store's words that nothing can be written.
+
+    Raises
+    ------
+    StorageError
+        In place of an ``OSError`` that speaks of the disk, not of what is written.
+    """
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in _STORAGE:
+            raise
+        where = error.filename or root
+        advice = "make room there, or choose another folder with --results, and run again"
+        raise StorageError(f"cannot write {where}: {os.strerror(error.errno)}; {advice}") from error
 
 
 def write_parquet(path: pathlib.Path, table: pa.Table) -> None:
     """Write a parquet file in one atomic step."""
-    write_atomically(path, lambda partial: pq.write_table(table, partial, compression="zstd"))
+    sink = pa.BufferOutputStream()
+    pq.write_table(table, sink, compression="zstd", write_page_checksum=True)
+    write_bytes(path, sink.getvalue().to_pybytes())
 
 
 def _failed(path: pathlib.Path) -> pathlib.Path:
     return path.with_name(f"{path.stem}{_FAILED}{path.suffix}")
 
 
-def _read_shard(path: pathlib.Path) -> pa.Table:
+def read_shard(path: pathlib.Path) -> pa.Table:
+    """Read one shard, whose pages must match their checksums.
+
+    Raises
+    ------
+    StoreError
+        It is not a whole parquet file, or holds more than any run leaves behind.
+    """
     try:
         with path.open("rb") as handle:
-            return pq.read_table(handle)
-    except (pa.ArrowInvalid, OSError) as error:
-        raise StoreError(f"cannot read {path}: {error}; delete the file and run again") from error
+            file = pq.ParquetFile(handle, page_checksum_verification=True)
+            _check_size(path, file.metadata)
+            return file.read()
+    except FileNotFoundError:
+        raise
+    except (pa.ArrowException, OSError, ValueError, OverflowError, MemoryError) as error:
+        reason = str(error).partition("\n")[0][:200]
+        raise StoreError(f"cannot read {path}: {reason}{_ADVICE}") from error
+
+
+def _check_size(path: pathlib.Path, metadata: pq.FileMetaData) -> None:
+    groups = range(metadata.num_row_groups)
+    size = sum(metadata.row_group(group).total_byte_size for group in groups)
+    if not (0 <= metadata.num_rows <= MAX_ROWS and 0 <= size <= MAX_SHARD_BYTES):
+        raise ValueError(f"it says it holds {metadata.num_rows} rows in {size} bytes, which no shard does")

@@ -141,9 +141,10 @@ def _dynamics(model: POMDP, entries: _Entries, device: torch.device) -> Dynamics
     probability[pair, position] = entries.probability
     cumulative = np.cumsum(probability, axis=1)
     last = np.maximum(counts - 1, 0)[:, None]
-    cumulative[np.arange(K)[None, :] >= last] = 2.0
+    cumulative[np.arange(K)[None, :] >= last] = 2.0  # so that rounding never leads into the padding
     R = model.rewards
     reward = np.zeros((S * A, K, W))
+    # Axes that the rewards do not depend on have length 1: any index into them means 0.
     reward[pair, position] = R[
         np.minimum(entries.a, R.shape[0] - 1),
         np.minimum(entries.s, R.shape[1] - 1),
@@ -195,10 +196,18 @@ def _observation_function(model: MOMDP) -> Ints | None:
 
 
 def _filter(domain: Domain, entries: _Entries, sensing: Sensing, device: torch.device) -> Filter:
+    """Turn transitions s -> s' around, into lists of what leads to each y'.
+
+    Prediction then is b'(y') = Σ_p weight[p, y'] b(source[p, y']), a gather and a sum along vectors, at a cost of
+    the longest list times Y; the dense product would cost Y². A hub, such as the one state that every lost robot
+    is put back to, would make all lists as long as its own; its few rows stay dense products.
+    """
     model = domain.model
     X, Y, A = model.n_observed, model.n_hidden, model.joint.n_actions
     x, y = np.divmod(entries.s, Y)
     x_next, y_next = np.divmod(entries.s_next, Y)
+    # One list per (x, a) and y'; sorting by that key puts a list's entries side by side, so that their place
+    # within it can be counted up.
     row = x * A + entries.a
     key = row * Y + y_next
     order = np.lexsort((y, key))
@@ -209,17 +218,21 @@ def _filter(domain: Domain, entries: _Entries, sensing: Sensing, device: torch.d
     P = max(1, int(counts.reshape(X * A, Y)[:, ~is_hub].max(initial=1)))
     listed = ~is_hub[y_next[order]]
     at = (row[order][listed], position[listed], y_next[order][listed])
+    # Shorter lists are padded with entries of weight 0, and of an x' that is never observed.
     source = np.tile(np.arange(Y), (X * A, P, 1))
     weight = np.zeros((X * A, P, Y), dtype=np.float32)
     arrives = np.full((X * A, P, Y), -1, dtype=np.int64)
     source[at] = y[order][listed]
     weight[at] = entries.probability[order][listed]
     arrives[at] = x_next[order][listed]
+    # Where the hidden part never moves, every list is y' itself, and the belief need not be gathered.
     static = P == 1 and bool((source == np.arange(Y)).all())
     hub_weight = np.zeros((X * A, len(hubs), Y), dtype=np.float32)
     for h, hub in enumerate(hubs):
         into = y_next == hub
         np.add.at(hub_weight, (row[into], h, y[into]), entries.probability[into])
+    # Without an observed part a row stands for an action alone. There is room to multiply the likelihood of each
+    # observation in beforehand: one look-up and one product per step instead of two.
     of_observation = X == 1 and sensing.likelihood is not None
     if of_observation:
         assert sensing.likelihood is not None

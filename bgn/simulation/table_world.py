@@ -64,7 +64,7 @@ class Inputs:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class StepResult:
     """What one step of every lane did."""
 
     reward: Tensor  # (N,) float32
@@ -144,7 +144,7 @@ class TableWorld:
         fresh = torch.ones_like(state, dtype=torch.bool)
         return Inputs(observation, action, observed, state, belief, fresh)
 
-    def step(self, action: Tensor, variates: Tensor, openings: Inputs) -> Outcome:
+    def step(self, action: Tensor, variates: Tensor, openings: Inputs) -> StepResult:
         """Take ``action`` (N,) in every lane; ``variates`` (N, 2); done lanes take ``openings``."""
         dynamics, now = self.tables.dynamics, self.inputs
         pair = now.state * self.tables.n_actions + action
@@ -163,7 +163,7 @@ class TableWorld:
         arrival = Inputs(observation, action, observed, state, belief, torch.zeros_like(done))
         self.steps.masked_fill_(done, 0)
         self.inputs = openings.select(done, arrival)
-        return Outcome(reward, ended, truncated, arrival)
+        return StepResult(reward, ended, truncated, arrival)
 
     def keep(self, lanes: Tensor) -> None:
         """Go on with the lanes of these indices only."""

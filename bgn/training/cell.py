@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from bgn.agents.hyperparameters import Hyperparameters
+from bgn.agents.hyperparameters import CommonHyperparameters
+from bgn.errors import BgnError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -21,8 +22,8 @@ class CellSpec:
     """Domain id, see :func:`bgn.domains.get`."""
     agent: str
     """Agent id, see :data:`bgn.agents.specs.AGENTS`."""
-    hyperparameters: Hyperparameters
-    """The settings of one preset for this cell."""
+    hyperparameters: CommonHyperparameters
+    """The settings of one preset for this cell; their type says which algorithm trains it."""
     env_steps: int
     """Environment steps a run trains for, over all its lanes."""
     evaluation_episodes: int = 1000
@@ -33,23 +34,34 @@ class CellSpec:
     """Keywords for the domain's builder; empty for the paper's definition."""
 
 
+class DeviceLostError(BgnError, RuntimeError):
+    """A GPU, or this process's access to it, does not work any more; only a fresh process can go on."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class RunResult:
     """One finished run: a cell trained with one seed."""
 
     seed: int
-    curve: pd.DataFrame
-    """Columns env_steps, return_100 and success_100 (means over the last 100 training episodes, the return
-    discounted as the domain reports it), episodes, entropy, actor_loss, critic_loss, belief_cross_entropy
-    (actor's head, nats; NaN without one), seconds."""
+    points: Sequence[Mapping[str, float]]
+    """The learning curve, point by point: env_steps, return_100 and success_100 (means over the last 100 training
+    episodes, the return discounted as the domain reports it), episodes, what the algorithm reports (A2C: entropy,
+    actor_loss, critic_loss and belief_cross_entropy of the actor's head in nats, NaN without one), seconds."""
     metrics: Mapping[str, float]
     """``train_return``/``train_success`` (last point of the curve); ``sampled_*`` and ``greedy_*``, each with
     return, return_se, return_sd, success, success_se, length (of the fixed evaluation), and belief_kl of a
     grounded actor; ``physics_success``, ``physics_success_se``, ``physics_length``, ``physics_episodes``
-    where physics was run; ``env_steps_per_second``,
-    ``wall_seconds``, ``cpu_seconds`` (this run's share of its stack)."""
+    where physics was run; ``env_steps_per_second``, ``wall_seconds``, ``cpu_seconds`` (this run's share of its
+    stack)."""
     policy: Mapping[str, Tensor]
     """The trained actor's parameters by name, without the seed axis; see :mod:`bgn.policies.saved`."""
+
+    @property
+    def curve(self) -> pd.DataFrame:
+        """The learning curve as a frame."""
+        import pandas as pd  # imported here because training needs torch, numpy and scipy only
+
+        return pd.DataFrame(list(self.points))
 
 
 @dataclass(frozen=True)
@@ -65,3 +77,10 @@ class Progress:
     """Mean over the stack's runs."""
     stage: str = "train"
     """``train`` or ``evaluate``."""
+
+
+class Interrupted(BaseException):
+    """What a listener of progress raises to stop the work; not a failure, so not an ``Exception``.
+
+    Where there is a checkpoint, it is written first.
+    """

@@ -8,20 +8,20 @@ import torch
 from torch import Tensor
 
 from bgn.agents.a2c import sample_actions
-from bgn.agents.hyperparameters import Hyperparameters
+from bgn.agents.hyperparameters import CommonHyperparameters
 from bgn.agents.networks import AgentNetworks
 from bgn.domains.domain import Domain
 from bgn.simulation.table_world import START_VARIATES, STEP_VARIATES, TableWorld
 from bgn.training.random_streams import Purpose, RandomStreams
 
-#: Steps between looks at which episodes are over; looking makes the device wait.
-PATIENCE = 5
+#: Steps between checks of which episodes are over; a check waits for the device.
+CHECK_INTERVAL = 5
 #: Episodes simulated at once.
 BATCH = 500
 
 
 def evaluate(
-    networks: AgentNetworks, domain: Domain, settings: Hyperparameters, episodes: int, *, greedy: bool
+    networks: AgentNetworks, domain: Domain, settings: CommonHyperparameters, episodes: int, *, greedy: bool
 ) -> dict[str, float]:
     """Run ``episodes`` whole episodes of one seed's policy (``networks`` of a single seed).
 
@@ -52,7 +52,7 @@ class _Batch:
         self,
         networks: AgentNetworks,
         domain: Domain,
-        settings: Hyperparameters,
+        settings: CommonHyperparameters,
         episodes: int,
         streams: RandomStreams,
         first_block: int,
@@ -80,7 +80,7 @@ class _Batch:
         self.networks.prepare()
         for t in range(self.domain.episode_limit):
             self._step(t, greedy)
-            if t % PATIENCE == PATIENCE - 1 and not self._drop_finished():
+            if t % CHECK_INTERVAL == CHECK_INTERVAL - 1 and not self._drop_finished():
                 break
         return self.results
 
@@ -91,12 +91,12 @@ class _Batch:
         logits = self.networks.actor.head.forward(features)
         divergence = self._divergence(features) * self.alive
         action = logits.argmax(-1) if greedy else sample_actions(logits.softmax(-1), variates[None, :, 0])
-        outcome = self.world.step(action[0], variates[:, 1:], self.world.inputs)
-        earned = outcome.reward * self.alive
+        result = self.world.step(action[0], variates[:, 1:], self.world.inputs)
+        earned = result.reward * self.alive
         discount: float = self.domain.report_discount**t
         step = torch.stack((earned * discount, earned, self.alive, divergence))
         self.results.index_add_(1, self.episode, step)
-        self.alive = self.alive * ~(outcome.ended | outcome.truncated)
+        self.alive = self.alive * ~(result.ended | result.truncated)
 
     def _divergence(self, features: Tensor) -> Tensor:
         """KL(b ‖ b̂) of every lane, before it acts; zero for an actor that reconstructs no belief."""

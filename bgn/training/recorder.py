@@ -10,8 +10,6 @@ from torch import Tensor
 
 #: Episodes a curve's point is averaged over (paper, Section 4.1).
 WINDOW = 100
-#: What an update reports, in the order of the accumulators' last axis.
-LOSSES = ("entropy", "actor_loss", "critic_loss", "belief_cross_entropy")
 
 
 @dataclass(frozen=True)
@@ -28,9 +26,13 @@ class Recorder:
     """Returns and successes of the last 100 training episodes of each seed, and mean losses.
 
     An episode succeeds if its undiscounted reward is positive: the goal was reached, or the task was done.
+    ``losses`` names what an update reports beside its episodes.
     """
 
-    def __init__(self, seeds: int, lanes: int, discount: float, device: torch.device) -> None:
+    def __init__(
+        self, seeds: int, lanes: int, discount: float, losses: tuple[str, ...], device: torch.device
+    ) -> None:
+        self.names = losses
         # Leading axis of two: the discounted return, and the plain sum of rewards.
         self._factors = torch.tensor([discount, 1.0], device=device)[:, None, None]
         self.running = torch.zeros(2, seeds, lanes, device=device)
@@ -38,11 +40,11 @@ class Recorder:
         # The last column takes what is not an episode's end, so that no shape depends on the data.
         self.window = torch.zeros(2, seeds, WINDOW + 1, device=device)
         self.episodes = torch.zeros(seeds, dtype=torch.int64, device=device)
-        self.losses = torch.zeros(seeds, len(LOSSES), device=device)
+        self.losses = torch.zeros(seeds, len(losses), device=device)
         self.updates = torch.zeros((), device=device)
 
     def record(self, rewards: Tensor, done: Tensor, losses: Tensor) -> None:
-        """Take in a rollout: rewards and done (S, T, L), losses (S, 4) as in ``LOSSES``."""
+        """Take in a rollout: rewards and done (S, T, L), losses (S, k) in the order of their names."""
         totals = []
         for reward, over in zip(rewards.unbind(1), done.unbind(1), strict=True):
             totals.append(torch.addcmul(self.running, self.weights, reward))
@@ -68,7 +70,7 @@ class Recorder:
         ]
         self.losses.zero_()
         self.updates.zero_()
-        by_name = {name: [row[k] for row in losses] for k, name in enumerate(LOSSES)}
+        by_name = {name: [row[k] for row in losses] for k, name in enumerate(self.names)}
         return Readings(returns, successes, episodes, by_name)
 
     def state(self) -> dict[str, Tensor]:

@@ -2,28 +2,28 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager, suppress
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
 import torch
-from torch import Tensor
 
 from bgn import domains
 from bgn.agents.networks import AgentNetworks
 from bgn.agents.specs import agent
 from bgn.errors import BgnError
-from bgn.policies.saved import Policy
 from bgn.training import checkpoint as checkpoints
-from bgn.training.cell import CellSpec, Progress, RunResult
+from bgn.training.cell import CellSpec, Interrupted, Progress, RunResult
+from bgn.training.cuda import lost_devices, own_stream
 from bgn.training.evaluation import evaluate
-from bgn.training.executor import Executor, own_stream
-from bgn.training.learner import Learner
+from bgn.training.learners import make_learner
+from bgn.training.physics_evaluation import MissingPhysicsError, evaluate_policy
+from bgn.training.update_runner import UpdateRunner
 
 #: Points of a curve: half of them spaced evenly, half by powers, so that the start is dense.
 CURVE_POINTS = 240
@@ -31,6 +31,7 @@ CHECKPOINT_SECONDS = 30.0
 PROGRESS_SECONDS = 0.3
 
 OnProgress = Callable[[Progress], None]
+_LOG = logging.getLogger(__name__)
 
 
 class CheckpointMismatchError(BgnError, ValueError):
@@ -44,8 +45,12 @@ def train_cell(
     device: str = "cpu",
     checkpoint: Path | None = None,
     on_progress: OnProgress | None = None,
+    physics: bool = True,
 ) -> list[RunResult]:
     """Train and evaluate one run per seed.
+
+    Final policies of robot domains are also run in MuJoCo, unless ``physics`` is false or MuJoCo is not there; their
+    metrics then lack what :func:`bgn.training.physics_evaluation.evaluate_policy` can add later.
 
     Torch uses one thread meanwhile, so that the result does not depend on how many there are: run cells side
     by side instead. With ``checkpoint``, progress is saved there every half minute and taken up from there if
@@ -55,9 +60,12 @@ def train_cell(
     ------
     CheckpointMismatchError
         The checkpoint was written for another specification or other seeds.
+    bgn.training.cell.DeviceLostError
+        The GPU failed; nothing else can be run on it in this process.
     """
-    with _one_thread(), own_stream(torch.device(device)):
-        return _Stack(spec, tuple(seeds), torch.device(device), checkpoint, on_progress).run()
+    where = torch.device(device)
+    with _one_thread(), lost_devices(where), own_stream(where):
+        return _Stack(spec, tuple(seeds), where, checkpoint, on_progress, physics).run()
 
 
 @contextmanager
@@ -81,29 +89,40 @@ class _Stack:
         device: torch.device,
         checkpoint: Path | None,
         on_progress: OnProgress | None,
+        physics: bool,
     ) -> None:
         self.spec, self.seeds, self.checkpoint, self.on_progress = spec, seeds, checkpoint, on_progress
+        self.physics = physics and spec.physics_episodes > 0
         self.domain = domains.get(spec.domain, **spec.variant)
         settings = spec.hyperparameters
-        self.learner = Learner(agent(spec.agent), self.domain, settings, seeds, device)
-        self.steps_per_update = settings.lanes * settings.rollout
+        self.learner = make_learner(agent(spec.agent), self.domain, settings, seeds, device)
+        self.steps_per_update = self.learner.shape.lanes * self.learner.shape.steps
         self.updates = math.ceil(spec.env_steps / self.steps_per_update)
-        self.executor = Executor(self.learner, self.updates)
+        self.runner = UpdateRunner(self.learner, self.updates, tf32=settings.tf32)
         self.curves: list[list[dict[str, float]]] = [[] for _ in seeds]
         self.done = 0
         self.wall_seconds = self.cpu_seconds = 0.0
         self._resume()
 
     def run(self) -> list[RunResult]:
-        self._train()
+        try:
+            with closing(self.runner):
+                self._train()
+            self._save()  # to evaluate takes long enough to be interrupted, too
+            return [self._evaluated(i) for i in range(len(self.seeds))]
+        except Interrupted:
+            self._save()
+            raise
+
+    def _evaluated(self, i: int) -> RunResult:
         self._report(stage="evaluate")
-        return [self._result(i, self.learner.networks_of(i)) for i in range(len(self.seeds))]
+        return self._result(i, self.learner.networks_of(i))
 
     def _train(self) -> None:
         points = curve_points(self.updates)
         clock, saved, reported = _Clock(self), time.monotonic(), 0.0
         while self.done < self.updates:
-            self.executor.update(self.done)
+            self.runner.update(self.done)
             self.done += 1
             if self.done in points:
                 clock.tick()
@@ -113,7 +132,7 @@ class _Stack:
                 clock.tick()
                 self._report()
                 reported = now
-            if self.checkpoint is not None and now - saved > CHECKPOINT_SECONDS:
+            if now - saved > CHECKPOINT_SECONDS:
                 clock.tick()
                 self._save()
                 saved = now
@@ -156,7 +175,9 @@ class _Stack:
             metrics |= {f"{name}_{k}": v for k, v in summary.items()}
         names = networks.actor_parameters()
         policy = {n: t for n, t in networks.parameters.of_seed(0).items() if n in names}
-        metrics |= self._in_physics(policy, self.seeds[i])
+        if self.physics:
+            with suppress(MissingPhysicsError):
+                metrics |= evaluate_policy(self.spec, policy, self.seeds[i])
         metrics |= {
             "env_steps_per_second": self.updates
             * self.steps_per_update
@@ -165,50 +186,43 @@ class _Stack:
             "wall_seconds": self.wall_seconds / len(self.seeds),
             "cpu_seconds": self.cpu_seconds / len(self.seeds),
         }
-        return RunResult(
-            seed=self.seeds[i], curve=pd.DataFrame(self.curves[i]), metrics=metrics, policy=policy
-        )
-
-    def _in_physics(self, tensors: Mapping[str, Tensor], seed: int) -> dict[str, float]:
-        """Success of the policy, sampling its actions as in training, in MuJoCo."""
-        episodes = self.spec.physics_episodes
-        if episodes == 0:
-            return {}
-        # Imported here because only robot domains need MuJoCo.
-        from bgn.physics.world import evaluate_in_physics
-
-        settings = self.spec.hyperparameters
-        policy = Policy(tensors, self.domain, self.spec.agent, settings, greedy=False)
-        result = evaluate_in_physics(self.spec.domain, policy, episodes, seed, **self.spec.variant)
-        return {
-            "physics_success": result["success"],
-            "physics_success_se": result["success_se"],
-            "physics_length": result["length"],
-            "physics_episodes": float(result["episodes"]),
-        }
+        return RunResult(seed=self.seeds[i], points=self.curves[i], metrics=metrics, policy=policy)
 
     def _identity(self) -> dict[str, Any]:
         spec = asdict(replace(self.spec, variant=dict(self.spec.variant)))
         return {"spec": spec, "seeds": list(self.seeds)}
 
     def _save(self) -> None:
-        assert self.checkpoint is not None
-        content = self._identity() | {
+        if self.checkpoint is None:
+            return
+        checkpoints.save(self.checkpoint, self._content())
+
+    def _content(self) -> dict[str, Any]:
+        return self._identity() | {
             "state": dict(self.learner.state()),
             "done": self.done,
             "curves": self.curves,
             "seconds": [self.wall_seconds, self.cpu_seconds],
         }
-        checkpoints.save(self.checkpoint, content)
 
     def _resume(self) -> None:
-        content = None if self.checkpoint is None else checkpoints.load(self.checkpoint)
+        if self.checkpoint is None:
+            return
+        try:
+            self._load(self.checkpoint)
+        except checkpoints.DamagedCheckpointError as error:
+            aside = checkpoints.set_aside(self.checkpoint)
+            _LOG.warning("%s; it is set aside as %s, and its runs start over", error, aside.name)
+
+    def _load(self, path: Path) -> None:
+        content = checkpoints.load(path)
         if content is None:
             return
         for key, mine in self._identity().items():
-            if content[key] != mine:
-                found = f"{self.checkpoint} is for other {key}: {content[key]}, not {mine}"
+            if content.get(key, mine) != mine:
+                found = f"{path} is for other {key}: {content[key]}, not {mine}"
                 raise CheckpointMismatchError(f"{found}; delete it to start over")
+        checkpoints.check(path, content, self._content())
         self.learner.load_state(content["state"])
         self.done, self.curves = content["done"], content["curves"]
         self.wall_seconds, self.cpu_seconds = content["seconds"]

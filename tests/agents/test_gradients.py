@@ -13,8 +13,8 @@ from bgn.agents.hyperparameters import Hyperparameters
 from bgn.agents.layers import tanh_of_half
 from bgn.agents.networks import Branch
 from bgn.agents.specs import AGENTS
-from bgn.training import learner as learner_module
-from bgn.training.learner import VARIATES, Learner
+from bgn.training.learners import a2c
+from bgn.training.learners.a2c import VARIATES, A2CLearner
 from bgn.training.random_streams import Purpose, RandomStreams
 
 SEEDS = (3, 8)
@@ -33,29 +33,29 @@ def _gru(p: Named, name: str, x: Tensor, h: Tensor) -> Tensor:
     return (1 - z) * torch.tanh(i_n + r * h_n) + z * h
 
 
-def _inputs(learner: Learner, branch: Branch, p: Named, row: int, hidden: Named) -> Tensor:
+def _inputs(learner: A2CLearner, branch: Branch, p: Named, row: int, hidden: Named) -> Tensor:
     """What enters a branch's hidden layers: (T, L, width)."""
-    memory, sight = learner.memory, learner.networks.sight
+    rollout, layout = learner.inputs, learner.networks.layout
     if branch.kind == "belief":
-        return memory.belief_input[row, :STEPS].double()
+        return rollout.belief_input[row, :STEPS].double()
     if branch.kind == "state":
-        table = p[f"{branch.name}.state"] if sight.state is None else sight.state.double()
-        return table[memory.state[row, :STEPS]]
+        table = p[f"{branch.name}.state"] if layout.state is None else layout.state.double()
+        return table[rollout.state[row, :STEPS]]
     assert branch.recurrence is not None
     gru = branch.recurrence
-    seen = p[gru.observations.name] if sight.observation is None else sight.observation.double()
-    done = p[gru.actions.name] if sight.action is None else sight.action.double()
+    seen = p[gru.observations.name] if layout.observation is None else layout.observation.double()
+    done = p[gru.actions.name] if layout.action is None else layout.action.double()
     h, features = hidden[gru.name][row].double(), []
     for t in range(STEPS):
-        x = torch.cat((seen[memory.observation[row, t]], done[memory.last_action[row, t]]), -1)
-        h = _gru(p, gru.name, x, h * ~memory.fresh[row, t, :, None])
+        x = torch.cat((seen[rollout.observation[row, t]], done[rollout.last_action[row, t]]), -1)
+        h = _gru(p, gru.name, x, h * ~rollout.fresh[row, t, :, None])
         features.append(h)
     return torch.stack(features)
 
 
-def _loss(learner: Learner, p: Named, row: int, hidden: Named, advantages: Tensor) -> Tensor:
+def _loss(learner: A2CLearner, p: Named, row: int, hidden: Named, advantages: Tensor) -> Tensor:
     """Eq. 2 and Eq. 5 as they stand, with the returns R_t held fixed."""
-    settings, memory = learner.settings, learner.memory
+    settings, rollout = learner.settings, learner.inputs
     outputs, total = {}, torch.zeros((), dtype=torch.float64)
     for branch in (learner.networks.actor, learner.networks.critic):
         x = _inputs(learner, branch, p, row, hidden)
@@ -64,7 +64,7 @@ def _loss(learner: Learner, p: Named, row: int, hidden: Named, advantages: Tenso
         outputs[branch.name] = x @ p[f"{branch.name}.head.weight"] + p[f"{branch.name}.head.bias"]
         if branch.grounding is not None:
             logits = x @ p[f"{branch.name}.belief.weight"] + p[f"{branch.name}.belief.bias"]
-            cross_entropy = -(memory.belief[row, :STEPS] * torch.log_softmax(logits, -1)).sum(-1).mean()
+            cross_entropy = -(rollout.belief[row, :STEPS] * torch.log_softmax(logits, -1)).sum(-1).mean()
             total = total + settings.belief_weight * cross_entropy
     log_policy, values = torch.log_softmax(outputs["actor"], -1), outputs["critic"][..., 0]
     chosen = log_policy.gather(-1, learner.actions[row][..., None])[..., 0]
@@ -87,7 +87,7 @@ def test_gradients_equal_automatic_differentiation(
         recurrent_hidden_layers=2 if shared else 1,
         belief_weight=0.7,
     )
-    learner = Learner(AGENTS[agent_id], domains.get(domain_id), settings, SEEDS, torch.device("cpu"))
+    learner = A2CLearner(AGENTS[agent_id], domains.get(domain_id), settings, SEEDS, torch.device("cpu"))
     streams = RandomStreams(SEEDS, Purpose.TRAINING, torch.device("cpu"))
     for i in range(6):  # real updates first, so that memories, episode starts and policies are generic
         learner.update(streams.block(i, STEPS, LANES, VARIATES), torch.tensor(BETA))
@@ -98,8 +98,8 @@ def test_gradients_equal_automatic_differentiation(
         seen["advantages"] = args[2].view(len(SEEDS), STEPS, LANES).double()
         return real(*args)
 
-    real = learner_module.policy_loss
-    monkeypatch.setattr(learner_module, "policy_loss", spy)
+    real = a2c.policy_loss
+    monkeypatch.setattr(a2c, "policy_loss", spy)
     monkeypatch.setattr(learner.optimiser, "step", lambda norm: None)
     learner.update(streams.block(6, STEPS, LANES, VARIATES), torch.tensor(BETA))
 

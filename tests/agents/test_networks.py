@@ -8,10 +8,11 @@ import torch
 
 from bgn import domains
 from bgn.agents.hyperparameters import Hyperparameters
-from bgn.agents.networks import AgentNetworks, Memory
+from bgn.agents.networks import AgentNetworks, RolloutInputs
 from bgn.agents.specs import AGENTS, agent
 from bgn.errors import InputError
 from bgn.simulation.table_world import START_VARIATES, STEP_VARIATES, TableWorld
+from tests.agents._acting import act
 
 CPU = torch.device("cpu")
 PRESETS = {
@@ -160,7 +161,7 @@ def test_inferring_equals_the_rollout(agent_id, domain_id):
     networks = built(agent_id, domain_id, "paper-text", (1, 2))
     networks.allocate(slots, L)
     networks.prepare()
-    memory = Memory(networks.sight, S, slots, L, networks.spec.needs_beliefs, CPU)
+    rollout = RolloutInputs(networks.layout, S, slots, L, networks.spec.needs_beliefs, CPU)
     world, generator = TableWorld(domain, S * L), torch.Generator().manual_seed(0)
     world.reset(torch.rand(S * L, START_VARIATES, generator=generator))
     hidden, critic_hidden = torch.zeros(S, L, networks.hidden_width), torch.zeros(S, L, 256)
@@ -169,11 +170,11 @@ def test_inferring_equals_the_rollout(agent_id, domain_id):
         inputs = world.inputs
         if t == 2:  # an episode's start in the middle of a rollout forgets the memory
             inputs.fresh[1] = True
-        memory.write(t, inputs)
+        rollout.write(t, inputs)
         for recurrence_ in networks.recurrences:
-            recurrence_.step(t, memory.observation[:, t], memory.last_action[:, t], memory.fresh[:, t])
-        hidden, logits = networks.act(inputs, hidden)
-        torch.testing.assert_close(networks.actor.step(t, memory), logits, rtol=1e-4, atol=1e-6)
+            recurrence_.step(t, rollout.observation[:, t], rollout.last_action[:, t], rollout.fresh[:, t])
+        hidden, logits = act(networks, inputs, hidden)
+        torch.testing.assert_close(networks.actor.step(t, rollout), logits, rtol=1e-4, atol=1e-6)
         critic = networks.critic
         if critic.recurrence is not None:
             indices = (inputs.observation, inputs.last_action, inputs.fresh)
@@ -182,7 +183,7 @@ def test_inferring_equals_the_rollout(agent_id, domain_id):
         actions = torch.randint(world.tables.n_actions, (S * L,), generator=generator)
         start, step = (torch.rand(S * L, n, generator=generator) for n in (START_VARIATES, STEP_VARIATES))
         world.step(actions, step, world.openings(start))
-    together = networks.critic.all_slots(memory)
+    together = networks.critic.all_slots(rollout)
     torch.testing.assert_close(together, torch.stack(values, 1), rtol=1e-4, atol=1e-6)
     assert together.std() > 1e-3
 

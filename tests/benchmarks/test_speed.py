@@ -58,7 +58,6 @@ def test_shares_add_up() -> None:
 
 
 def test_machine_is_measured() -> None:
-    assert 1e-6 < machine.calibration_seconds() < 0.1
     assert machine.peak_flops() > 1e8
 
 
@@ -145,11 +144,10 @@ def test_suite_is_read_back(tmp_path: Path) -> None:
         "env_steps_per_cpu_second": 10_000.0,
         "gflops": 30.0,
         "peak_gflops": 60.0,
-        "kernel_microseconds": 200.0,
     }
     entries = [
         {"group": "training", "extra_info": {"machine": {"cores": 2}, "speed": speed}},
-        {"group": "baseline", "extra_info": {"cell": "hallway/ah-ch+bgn", "ratio": 5.0}},
+        {"group": "plain", "extra_info": {"cell": "hallway/ah-ch+bgn", "ratio": 5.0}},
         {"group": None, "name": "test_load", "extra_info": {}, "stats": {"median": 0.5}},
     ]
     path = tmp_path / "speed.json"
@@ -158,12 +156,8 @@ def test_suite_is_read_back(tmp_path: Path) -> None:
     (cell,) = loaded.training
     assert cell == TrainingSpeed(**speed)
     assert cell.roofline == 0.5
-    assert cell.steps_per_kernel == pytest.approx(2.0)
-    assert cell.over_authors == pytest.approx(8.0)
     assert loaded.others == {"test_load": 0.5}
-    assert suite.training_rows(loaded) == [
-        ["hallway/ah-ch+bgn", "10,000", "30.0", "0.50", "2.00", "8.0", "5.0"]
-    ]
+    assert suite.training_rows(loaded) == [["hallway/ah-ch+bgn", "10,000", "30.0", "0.50", "5.0"]]
     assert main(["table", str(path)]) == 0
 
 

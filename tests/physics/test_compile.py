@@ -11,7 +11,7 @@ import pytest
 
 from bgn.domains import outcome_table, two_bumps_1d, two_bumps_2d
 from bgn.physics import compile as compiler
-from bgn.physics.scene import Outcome
+from bgn.physics.scene import Measurement
 from bgn.physics.tasks import task_of
 from bgn.physics.top_plate import TopPlateScene
 from tests.domains._definitions import definition
@@ -90,18 +90,18 @@ class Counter:
         return [0]
 
     def reset(self, hidden, cell):
-        self.outcome = Outcome(reading=0, angle=0.0)
-        return self.outcome
+        self.measurement = Measurement(reading=0, angle=0.0)
+        return self.measurement
 
     def save(self):
         return self
 
     def restore(self, snapshot):
-        self.outcome = Outcome(reading=0, angle=0.0)
+        self.measurement = Measurement(reading=0, angle=0.0)
 
     def act(self, action):
         self.visits += 1
-        return Outcome(reading=int(self.fickle and self.visits == 3), angle=0.0, margin=self.margin)
+        return Measurement(reading=int(self.fickle and self.visits == 3), angle=0.0, margin=self.margin)
 
 
 def test_outcome_that_depends_on_the_history_is_refused():
@@ -116,7 +116,7 @@ def test_outcome_close_to_its_threshold_is_refused():
 
 def test_reading_with_too_few_histories_is_refused():
     counter = Counter(fickle=False)
-    counter.act = lambda action: counter.outcome  # every move is refused: no new history ever
+    counter.act = lambda action: counter.measurement  # every move is refused: no new history ever
     counter.starts = lambda hidden: [0] * 4
     with pytest.raises(compiler.CompileError, match="only 4 histories"):
         compiler.compile_hidden(counter, 0, histories=5)

@@ -10,35 +10,34 @@ import pytest
 from bgn import domains
 from bgn.domains import two_bumps_1d, two_bumps_2d
 from bgn.physics.tasks import task_of
-from bgn.physics.world import PhysicsWorld, compare_with_table, evaluate_in_physics, play
+from bgn.physics.world import PhysicsWorld, evaluate_in_physics, play
 from bgn.policies.scripted import RandomPolicy, scripted_policy
 from tests.domains._definitions import definition
+from tests.physics._replay import compare_with_table
 
 ROBOTS = ("top-plate", "two-bumps-1d", "two-bumps-2d")
 
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_physics_replays_the_table(name):
-    comparison = compare_with_table(name, steps=2000, seed=1)
-    assert comparison["violations"] == 0
-    assert comparison["steps"] == 2000
-    assert comparison["pairs"] > 250
+    comparison = compare_with_table(domains.get(name), steps=2000, seed=1)
+    assert comparison.violations == 0
+    assert comparison.pairs > 250
 
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_physics_replays_the_authors_table(name):
-    assert compare_with_table(name, steps=100, seed=2, variant="authors")["violations"] == 0
+    assert compare_with_table(domains.get(name, variant="authors"), steps=100, seed=2).violations == 0
 
 
-def test_a_wrong_table_is_noticed(monkeypatch):
+def test_a_wrong_table_is_noticed():
     domain = domains.get("top-plate")
     joint = domain.model.joint
     swapped = dataclasses.replace(
         joint, transitions=(joint.transitions[1], joint.transitions[0], joint.transitions[2])
     )
     wrong = dataclasses.replace(domain, model=type(domain.model)(swapped, domain.model.n_observed))
-    monkeypatch.setattr(domains, "get", lambda name, **variant: wrong)
-    assert compare_with_table("top-plate", steps=30, seed=0)["violations"] > 5
+    assert compare_with_table(wrong, steps=30, seed=0).violations > 5
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -90,18 +89,18 @@ def test_belief_equals_brute_force_enumeration(name):
     world, rng = PhysicsWorld(domain), np.random.default_rng(11)
     grasp = {"top-plate": 1, "two-bumps-2d": 1}.get(name, 0)
     for _ in range(4):
-        moment = world.reset(rng)
-        x0, history = moment.observation, []
+        state = world.reset(rng)
+        x0, history = state.observation, []
         for _ in range(12):
             action = int(rng.integers(domain.model.joint.n_actions - grasp))
-            moment = world.step(action)
-            if moment.ended:
+            state = world.step(action)
+            if state.ended:
                 break
-            history.append((action, moment.observation))
+            history.append((action, state.observation))
             expected = np.zeros(domain.model.n_hidden)
             offset = 1 if name == "top-plate" else 0
             expected[[part - offset for part in hidden_parts_consistent(name, x0, history)]] = 1
-            np.testing.assert_allclose(moment.belief, expected / expected.sum(), atol=1e-12)
+            np.testing.assert_allclose(state.belief, expected / expected.sum(), atol=1e-12)
 
 
 def test_elimination_belief_is_wider_than_the_exact_one():
@@ -123,11 +122,11 @@ def test_elimination_belief_is_wider_than_the_exact_one():
 
 def test_authors_start_belief_holds_an_impossible_height():
     world = PhysicsWorld(domains.get("top-plate", variant="authors"))
-    moment = world.reset_to(1, 5)
-    np.testing.assert_allclose(moment.belief, [0, *[1 / 6] * 6, 0])
+    state = world.reset_to(1, 5)
+    np.testing.assert_allclose(state.belief, [0, *[1 / 6] * 6, 0])
     for _ in range(5):
-        moment = world.step(1)
-    np.testing.assert_allclose(moment.belief, [0, 0, 0, 0, 0, 0.5, 0.5, 0])  # five plates felt: 5 or 6
+        state = world.step(1)
+    np.testing.assert_allclose(state.belief, [0, 0, 0, 0, 0, 0.5, 0.5, 0])  # five plates felt: 5 or 6
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -189,8 +188,8 @@ def test_episodes_are_cut_at_the_limit():
     assert play(domain, PhysicsWorld(domain).task, Waits(domain), np.random.default_rng(0)) == (False, 50)
     world = PhysicsWorld(domain)
     world.reset_to(1, 0)
-    moments = [world.step(0) for _ in range(50)]
-    assert [moment.truncated for moment in moments] == [False] * 49 + [True]
+    states = [world.step(0) for _ in range(50)]
+    assert [state.truncated for state in states] == [False] * 49 + [True]
 
 
 def test_clear_errors():

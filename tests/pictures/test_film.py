@@ -64,8 +64,8 @@ def test_film_of_an_episode(small, name, seed, tmp_path):
     domain = domains.get(name)
     recorded = film.record(domain, Grounded(domain), seed)
     assert recorded.shots[0].action == "start"
-    assert recorded.shots[-1].moment.success
-    assert [shot.moment.steps for shot in recorded.shots] == list(range(len(recorded.shots)))
+    assert recorded.shots[-1].state.success
+    assert [shot.state.steps for shot in recorded.shots] == list(range(len(recorded.shots)))
     film.save_gif(recorded, tmp_path / "film.gif")
     film.save_strip(recorded, tmp_path / "strip.png", columns=3)
     with Image.open(tmp_path / "film.gif") as gif:

@@ -14,6 +14,7 @@ from bgn.agents.networks import AgentNetworks
 from bgn.agents.specs import AGENTS, AgentSpec
 from bgn.policies.saved import Policy, PolicyFileError, describe, save_policy
 from bgn.simulation.table_world import START_VARIATES, STEP_VARIATES, TableWorld
+from tests.agents._acting import act
 
 SETTINGS = Hyperparameters(belief_weight=0.25, shared_recurrence=False)
 
@@ -50,7 +51,7 @@ def replay(networks, policy, *, steps=40, seed=0, hidden_first_action=None):
             policy.reset()
         last = int(inputs.last_action)
         chosen = policy.act(int(inputs.observation), None if last == n_actions else last)
-        hidden, logits = networks.act(inputs, hidden)
+        hidden, logits = act(networks, inputs, hidden)
         yield inputs, logits[0, 0], chosen
         start, step = (torch.rand(1, n, generator=generator) for n in (START_VARIATES, STEP_VARIATES))
         action = int(rng.integers(n_actions))
@@ -120,7 +121,7 @@ def test_sampling_follows_the_policy_and_its_generator(tmp_path):
         drawn.append(policy.act(3, 1))
     inputs = TableWorld(policy.domain, 1).reset(torch.zeros(1, START_VARIATES))
     inputs.observation[:], inputs.last_action[:] = 3, 1
-    law = networks.act(inputs, torch.zeros(1, 1, 256))[1][0, 0].softmax(-1).numpy()
+    law = act(networks, inputs, torch.zeros(1, 1, 256))[1][0, 0].softmax(-1).numpy()
     shares = np.bincount(drawn, minlength=5) / 400
     np.testing.assert_allclose(shares, law, atol=0.1)
     policy.reset(np.random.default_rng(7))
@@ -172,7 +173,7 @@ def without(key):
         (lambda d: d | {"agent": "ah"}, "unknown agent 'ah'"),
         (lambda d: d | {"domain": "halway"}, "unknown domain 'halway'"),
         (lambda d: d | {"variant": {"size": 3}}, "size"),
-        (lambda d: d | {"hyperparameters": {"lane": 3}}, "lane"),
+        (lambda d: d | {"hyperparameters": {"lanes": 3}}, "lack recurrent_hidden_layers, shared_recurrence"),
         (lambda d: d | {"domain": "hallway-2"}, "shape"),
         (without("agent"), "agent"),
     ],

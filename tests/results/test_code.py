@@ -286,7 +286,7 @@ EDITS = [
     ("bgn/physics/stage.xml", "<mujoco", "<mujoco ", {"physics"}),
     ("bgn/physics/world.py", "results.mean(axis=0)", "results.max(axis=0)", {"physics"}),
     ("bgn/policies/saved.py", "torch.zeros(1, 1)", "torch.ones(1, 1)", {"physics"}),
-    ("bgn/training/trainer.py", "greedy=False)\n        result", "greedy=True)\n        result", {"physics"}),
+    ("bgn/training/physics_evaluation.py", "greedy=False)", "greedy=True)", {"physics"}),
     # Planning
     ("bgn/planning/reference_rows.py", "PRECISION = 1e-3", "PRECISION = 1e-4", {"planning"}),
     ("bgn/planning/bounds.py", "MAX_SWEEPS = ", "MAX_SWEEPS = 1 + ", {"planning"}),
@@ -321,6 +321,7 @@ HARMLESS_EDITS = [
     ("bgn/results/schema.py", '"env_steps",', '"env_steps", "more",'),
     ("bgn/errors.py", "len(self.args) == 1", "len(self.args) == 2"),
     ("bgn/training/checkpoint.py", "torch.save(content", "torch.save({} or content"),
+    ("bgn/training/cuda.py", "WARM_UP = 3", "WARM_UP = 4"),
 ]
 
 

@@ -44,9 +44,10 @@ def test_missing_metrics_are_named() -> None:
 
 
 def test_curve_says_whose_it_is() -> None:
-    curve = pd.DataFrame({name: [0.0, 1.0] for name in schema.CURVE_COLUMNS})
+    columns = [*schema.CURVE_COLUMNS, "a_loss"]
+    curve = pd.DataFrame({name: [0.0, 1.0] for name in columns})
     table = schema.curve_table("r", "k", curve)
-    assert table.column_names == ["run", "key", *schema.CURVE_COLUMNS]
+    assert table.column_names == ["run", "key", *columns]
     assert set(table["run"].to_pylist()) == {"r"}
-    with pytest.raises(SchemaError, match="entropy"):
-        schema.curve_table("r", "k", curve.drop(columns="entropy"))
+    with pytest.raises(SchemaError, match="episodes"):
+        schema.curve_table("r", "k", curve.drop(columns="episodes"))

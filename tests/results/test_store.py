@@ -64,7 +64,7 @@ def test_unreadable_shard_is_named(tmp_path: pathlib.Path) -> None:
     path = store.shard("runs", RUN)
     path.parent.mkdir(parents=True)
     path.write_bytes(b"not parquet")
-    with pytest.raises(StoreError, match=r"seed-3\.parquet.*delete the file"):
+    with pytest.raises(StoreError, match=r"seed-3\.parquet.*run` sets aside what is damaged"):
         store.read("runs")
 
 

@@ -7,19 +7,19 @@ import torch
 from bgn import domains
 from bgn.agents.hyperparameters import Hyperparameters
 from bgn.agents.specs import AGENTS
-from bgn.training.executor import Executor
-from bgn.training.learner import Learner
+from bgn.training.learners.a2c import A2CLearner
+from bgn.training.update_runner import UpdateRunner
 
 CPU = torch.device("cpu")
 
 
-def learner(agent_id: str, domain_id: str, seeds: tuple[int, ...], **settings) -> Learner:
-    return Learner(AGENTS[agent_id], domains.get(domain_id), Hyperparameters(**settings), seeds, CPU)
+def learner(agent_id: str, domain_id: str, seeds: tuple[int, ...], **settings) -> A2CLearner:
+    return A2CLearner(AGENTS[agent_id], domains.get(domain_id), Hyperparameters(**settings), seeds, CPU)
 
 
-def trained(agent_id: str, domain_id: str, seeds: tuple[int, ...], updates: int, **settings) -> Learner:
+def trained(agent_id: str, domain_id: str, seeds: tuple[int, ...], updates: int, **settings) -> A2CLearner:
     stack = learner(agent_id, domain_id, seeds, **settings)
-    executor = Executor(stack, updates)
+    runner = UpdateRunner(stack, updates)
     for i in range(updates):
-        executor.update(i)
+        runner.update(i)
     return stack

@@ -8,7 +8,8 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bgn.training.recorder import LOSSES, WINDOW, Recorder
+from bgn.training.learners.a2c import LOSSES
+from bgn.training.recorder import WINDOW, Recorder
 
 CPU = torch.device("cpu")
 
@@ -39,7 +40,7 @@ def test_equals_a_list_of_episodes(seed, often):
     """Few episodes, about a hundred, and far more than the window holds: up to 15 end in one update."""
     rng = np.random.default_rng(seed)
     S, T, L = 2, 5, 3
-    recorder, naive = Recorder(S, L, 0.9, CPU), [NaiveRecorder(L, 0.9) for _ in range(S)]
+    recorder, naive = Recorder(S, L, 0.9, LOSSES, CPU), [NaiveRecorder(L, 0.9) for _ in range(S)]
     for _ in range(40):
         rewards = (rng.normal(size=(S, T, L)) * (rng.random((S, T, L)) < 0.5)).astype(np.float32)
         done = rng.random((S, T, L)) < often
@@ -57,7 +58,7 @@ def test_equals_a_list_of_episodes(seed, often):
 
 
 def test_before_the_first_episode_there_is_no_return():
-    recorder = Recorder(2, 1, 1.0, CPU)
+    recorder = Recorder(2, 1, 1.0, LOSSES, CPU)
     done = torch.tensor([[[True]], [[False]]])
     recorder.record(torch.tensor([[[3.0]], [[4.0]]]), done, torch.zeros(2, 4))
     readings = recorder.read()
@@ -69,7 +70,7 @@ def test_before_the_first_episode_there_is_no_return():
 
 
 def test_losses_are_means_since_the_last_reading():
-    recorder = Recorder(2, 1, 1.0, CPU)
+    recorder = Recorder(2, 1, 1.0, LOSSES, CPU)
     nothing, going_on = torch.zeros(2, 1, 1), torch.zeros(2, 1, 1, dtype=torch.bool)
     for first in (1.0, 3.0):
         losses = torch.tensor([[first, 0, 0, torch.nan], [0, first * 10, 0, 0.5]])

@@ -86,6 +86,7 @@ def test_progress_is_reported(monkeypatch):
         (40, "train"),
         (60, "train"),
         (60, "evaluate"),
+        (60, "evaluate"),
     ]
     assert all(p.total_env_steps == 60 and p.steps_per_second > 0 for p in seen)
 

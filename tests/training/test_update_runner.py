@@ -1,18 +1,17 @@
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import pytest
 import torch
 
 from bgn.agents.hyperparameters import Hyperparameters
-from bgn.training import executor as executor_module
-from bgn.training.executor import Executor, entropy_weights
+from bgn.training import update_runner
+from bgn.training.learners.a2c import VARIATES, A2CLearner, entropy_weights
+from bgn.training.update_runner import UpdateRunner
 from tests.training._stacks import learner
 
 
 def weights(updates, **settings):
-    return entropy_weights(SimpleNamespace(settings=Hyperparameters(**settings)), updates)
+    return entropy_weights(Hyperparameters(**settings), updates)
 
 
 def test_entropy_weight_is_the_papers_over_fifteen_million_steps():
@@ -40,17 +39,17 @@ def test_updates_take_consecutive_numbers_whatever_comes_first(monkeypatch):
     def record(self, variates, weight):
         seen.append((variates.clone(), weight.item()))
 
-    monkeypatch.setattr(executor_module.Learner, "update", record)
-    monkeypatch.setattr(executor_module, "BLOCK", 4)
+    monkeypatch.setattr(A2CLearner, "update", record)
+    monkeypatch.setattr(update_runner, "BLOCK", 4)
     stack = learner("ab-cb", "top-plate", (1, 2), lanes=2, rollout=3, entropy_weight_start=1.0)
-    in_order = Executor(stack, 10)
+    in_order = UpdateRunner(stack, 10)
     for i in range(10):
         in_order.update(i)
     assert len({v.sum().item() for v, _ in seen}) == 10
-    resumed = Executor(stack, 10)
+    resumed = UpdateRunner(stack, 10)
     for i in (6, 7, 8, 9):
         resumed.update(i)
     for early, late in zip(seen[6:10], seen[10:], strict=True):
         assert torch.equal(early[0], late[0])
         assert early[1] == late[1]
-    assert seen[0][0].shape == (3, 4, executor_module.VARIATES)
+    assert seen[0][0].shape == (3, 4, VARIATES)
