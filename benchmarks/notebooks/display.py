@@ -245,13 +245,14 @@ def physics(evidence: PooledEvidence) -> None:
 
 def recordings() -> None:
     """Show the recorded episodes on the robot, or say that there are none."""
-    folder = pathlib.Path(os.environ.get("BGN_RECORDINGS", ROOT / "results" / "recordings"))
+    folder = pathlib.Path(os.environ.get("BGN_RECORDINGS", ROOT / "results" / "robot"))
     found = robot_recordings.episodes(folder)
     if found.empty:
         answer("No recordings yet: nothing is claimed of the robot.")
         return
     shown = robot_recordings.success_table(found)
-    answer(f"{len(found)} episodes are recorded, in {found['session'].nunique()} sessions.")
+    real = int((found["evidence"] == "robot").sum())
+    answer(f"{real} episodes are recorded on the robot and {len(found) - real} on its simulated twin.")
     table(shown)
 
 

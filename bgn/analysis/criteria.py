@@ -514,6 +514,8 @@ def learning_steps(scores: Scores, cell: Cell, share: float = aggregate.LEARNT) 
 
 def early_fall(curve: pd.DataFrame, rare: float) -> float:
     """Return which share of the belief loss's fall happened before success first was more than rare."""
+    if "belief_cross_entropy" not in curve:
+        return math.nan
     loss = curve["belief_cross_entropy"].to_numpy(dtype=float)
     often = np.flatnonzero((curve["success_100"].to_numpy() > rare) & (curve["episodes"].to_numpy() >= 100))
     if len(often) == 0 or np.isnan(loss).any() or loss[0] <= np.nanmin(loss):

@@ -105,7 +105,7 @@ class Store:
             raise StoreError(
                 f"the shards in {self.root / kind} do not fit together: {error}{_ADVICE}"
             ) from error
-        lacking = () if kind == "curves" else {*schema.OUTCOME, *schema.PROVENANCE} - set(frame)
+        lacking = () if kind in ("curves", "measures") else {*schema.OUTCOME, *schema.PROVENANCE} - set(frame)
         return frame.assign(**dict.fromkeys(lacking))  # all of an older version, which knew fewer columns
 
     @contextlib.contextmanager

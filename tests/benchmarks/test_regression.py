@@ -7,7 +7,6 @@ import pathlib
 from collections.abc import Sequence
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from benchmarks import regression
@@ -29,8 +28,8 @@ def trained(spec: CellSpec, seeds: Sequence[int], drop: float) -> list[RunResult
             "greedy_return_se": 0.001,
             "sampled_return_se": 0.001,
         }
-        curve = pd.DataFrame({name: [0.0, value] for name in schema.CURVE_COLUMNS})
-        results.append(RunResult(seed=seed, curve=curve, metrics=metrics, policy={}))
+        points = [dict.fromkeys(schema.CURVE_COLUMNS, share * value) for share in (0.0, 1.0)]
+        results.append(RunResult(seed=seed, points=points, metrics=metrics, policy={}))
     return results
 
 
@@ -47,7 +46,7 @@ def failing(spec: CellSpec, seeds: Sequence[int], **options: object) -> list[Run
 
 
 def work(train: object) -> Work:
-    return Work(train, fakes.save_policy, fakes.evaluate_reference)  # type: ignore[arg-type]
+    return Work(train, fakes.save_policy, fakes.evaluate_reference, fakes.evaluate_in_physics)  # type: ignore[arg-type]
 
 
 @pytest.fixture(scope="module")

@@ -92,7 +92,8 @@ def band(
 
     The grid is even in the logarithm of the steps and spans what all runs have; ``within`` clips low and high.
     """
-    runs = [curve[(curve["episodes"] >= WINDOW) & curve[column].notna()] for curve in curves]
+    known = [curve for curve in curves if column in curve]  # not every algorithm reports everything
+    runs = [curve[(curve["episodes"] >= WINDOW) & curve[column].notna()] for curve in known]
     runs = [run for run in runs if len(run)]
     if not runs:
         return pd.DataFrame({"env_steps": [], "mean": [], "low": [], "high": []})
