@@ -10,8 +10,6 @@ import os
 import pathlib
 import sys
 import tomllib
-from collections.abc import Mapping
-from types import MappingProxyType
 
 import nox
 from nox.command import CommandFailed
@@ -69,13 +67,19 @@ def notebooks(session: nox.Session) -> None:
         return
     store = {"BGN_RESULTS": str(ROOT / "tests" / "data" / "store"), "BGN_PRESET": "calibrated"}
     pages = sorted(str(path.relative_to(ROOT)) for path in (ROOT / "notebooks").glob("*.ipynb"))
-    run(session, "pytest", "--nbmake", "--nbmake-timeout=300", "--durations=0", *pages, variables=store)
+    run(session, "pytest", "--nbmake", "--nbmake-timeout=300", "--durations=0", *pages, **store)
 
 
 @nox.session(venv_backend="none")
 def regress(session: nox.Session) -> None:
     """Compare fresh runs with stored ones; 0 fine, 1 regressed, 2 could not tell. Arguments: docs/regression.md."""
     run(session, "python", "-m", "benchmarks.regression", *session.posargs)
+
+
+@nox.session(venv_backend="none")
+def slurm(session: nox.Session) -> None:
+    """Run cells as Slurm jobs, on daemons of this machine alone; needs Debian's slurm-wlm and munge."""
+    run(session, "pytest", "-rs", "tests/benchmarks/test_slurm.py", *session.posargs, BGN_TEST_SLURM="1")
 
 
 @nox.session(venv_backend="none")
@@ -119,9 +123,7 @@ def other_torch(session: nox.Session) -> None:
     session.run(python, "-m", "pytest", *UPDATE_TESTS, *session.posargs, external=True)
 
 
-def run(
-    session: nox.Session, program: str, *arguments: str, variables: Mapping[str, str] = MappingProxyType({})
-) -> None:
+def run(session: nox.Session, program: str, *arguments: str, **variables: str) -> None:
     """Run a program of the shared environment, which is brought up to date first."""
     install(session)
     path = os.pathsep.join([str(PROGRAMS), os.environ["PATH"]])

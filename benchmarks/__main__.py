@@ -14,13 +14,14 @@ import os
 import pathlib
 import sys
 import time
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 
 from rich.console import Console
 
 from benchmarks import adoption, plan, progress, registry, report, sharing
 from benchmarks.events import Event, Idle
-from benchmarks.executors import beside, processes, streams
+from benchmarks.executors import beside, packing, processes, sites, streams
+from benchmarks.executors.sites import SchedulerLostError
 from benchmarks.plan import Selection, State
 from benchmarks.registry import Registry
 from benchmarks.signals import Stopped, stoppable
@@ -52,10 +53,16 @@ def main(arguments: Sequence[str] | None = None, *, work: Work = Work()) -> int:
             return _command(benchmark, options, work, console)
     except BgnError as error:
         print(f"error: {error}", file=sys.stderr)
-        return _STORAGE if isinstance(error, StorageError) else _USAGE
+        return _status(error)
     except Stopped as stop:
         print(f"stopped by {stop.signal.name}; the same command goes on from here", file=sys.stderr)
         return stop.exit_status
+
+
+def _status(error: BgnError) -> int:
+    if isinstance(error, StorageError):
+        return _STORAGE
+    return _FAILED if isinstance(error, SchedulerLostError) else _USAGE
 
 
 def _command(benchmark: Registry, options: argparse.Namespace, work: Work, console: Console) -> int:
@@ -83,7 +90,9 @@ def _run(selection: Selection, options: argparse.Namespace, work: Work, console:
         done = len(requests) - len(missing) - sum(status.state is State.INCOMPLETE for status in found)
         console.print(f"{done} of {len(requests)} runs and reference rows are done.", highlight=False)
         clock = _Clock(options.time_limit)
-        _show(tasks, _execute(tasks, options, work), clock, console)
+        if tasks:
+            with _executor(tasks, options, work, console) as (parts, events):
+                _show(parts, events, clock, console)
         if has_physics():
             found = plan.statuses(requests, store)
             incomplete = [s.request for s in found if s.state is State.INCOMPLETE]
@@ -130,9 +139,14 @@ def _check_device(options: argparse.Namespace) -> None:
     DeviceError
         There is none, or it cannot have so many cells.
     """
+    sites.check_name(options.executor)
     if options.device == "cpu":
         options.jobs = options.jobs or _cores()
         return
+    if options.executor != sites.LOCAL:
+        raise DeviceError(
+            f"--executor {options.executor} trains on cores; use --device cuda on the machine with the GPU"
+        )
     import torch  # imported here because it takes seconds, and only workers need it otherwise
 
     from bgn.training.cuda import MAX_CELLS
@@ -145,6 +159,25 @@ def _check_device(options: argparse.Namespace) -> None:
         raise DeviceError(
             f"--device cuda: torch {torch.__version__} sees no GPU (its CUDA: {build}); use --device cpu"
         )
+
+
+@contextlib.contextmanager
+def _executor(
+    tasks: Sequence[Task], options: argparse.Namespace, work: Work, console: Console
+) -> Iterator[tuple[Sequence[Task], Generator[Event | Idle]]]:
+    """Return the tasks as they will be done, and what happens while they are."""
+    tasks = packing.along_checkpoints(tasks)
+    if options.executor == sites.LOCAL:
+        yield tasks, _execute(tasks, options, work)
+        return
+    with sites.connect(options.executor, options.cluster) as site:
+        from benchmarks.executors import cluster  # imported here because only clusters need Dask
+
+        workers = site.workers(wanted=len(tasks))
+        if not workers:
+            console.print(f"No worker has joined {site.address} yet; waiting.", highlight=False)
+        tasks = packing.split(tasks, workers)
+        yield tasks, cluster.run_tasks(tasks, site=site, work=work, tick=_TICK)
 
 
 def _execute(tasks: Sequence[Task], options: argparse.Namespace, work: Work) -> Generator[Event | Idle]:
@@ -246,6 +279,18 @@ def _parser(benchmark: Registry) -> argparse.ArgumentParser:
         type=parse_duration,
         metavar="TIME",
         help="stop after a time such as 540, 9m or 1.5h, with checkpoints written; the same command goes on",
+    )
+    run.add_argument(
+        "--executor",
+        default=sites.LOCAL,
+        help="local (default), dask://HOST:PORT (a running Dask scheduler), slurm, pbs or lsf; see docs/cluster.md",
+    )
+    run.add_argument(
+        "--cluster",
+        type=pathlib.Path,
+        metavar="FILE",
+        default=pathlib.Path("cluster.toml"),
+        help="what to ask slurm, pbs or lsf for (default: cluster.toml)",
     )
     return parser
 

@@ -24,6 +24,14 @@ class Advanced:
 
 
 @dataclass(frozen=True)
+class Restarted:
+    """A task's worker was lost; another one took the task up, from its last checkpoint if it has one."""
+
+    task: Task
+    reason: str
+
+
+@dataclass(frozen=True)
 class Finished:
     """A task ended; what it yielded (or its failure) is stored."""
 
@@ -36,4 +44,4 @@ class Idle:
     """Nothing happened for a while: another executor, or a clock, may have its turn."""
 
 
-Event = Started | Advanced | Finished
+Event = Started | Advanced | Restarted | Finished

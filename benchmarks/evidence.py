@@ -33,7 +33,7 @@ from bgn.results.run_ids import RunId
 from bgn.results.store import Store
 
 if TYPE_CHECKING:
-    from bgn.policies.saved import Policy
+    from bgn.policies.saved import NetworkPolicy
 
 _MOST_NAMED = 12
 
@@ -78,7 +78,7 @@ class StoredEvidence(Evidence):
         """One row per claim of the paper with its verdict: :func:`bgn.analysis.claims.judge_claims`."""
         return judge_claims(self.scores)
 
-    def policy(self, run: str | RunId, *, greedy: bool = True) -> Policy:
+    def policy(self, run: str | RunId, *, greedy: bool = True) -> NetworkPolicy:
         """Return the trained policy of a run such as ``hallway/ah-ch+bgn/seed-3``.
 
         Raises
@@ -92,9 +92,9 @@ class StoredEvidence(Evidence):
         path = self.store.policy(str(run))
         if not path.is_file():
             raise EvidenceError(f"{self.store.root} holds no policy of {run}; {_listed(self.policies())}")
-        from bgn.policies.saved import Policy  # imported here because torch takes seconds
+        from bgn.policies.saved import NetworkPolicy  # imported here because torch takes seconds
 
-        return Policy.load(path, greedy=greedy)
+        return NetworkPolicy.load(path, greedy=greedy)
 
     def policies(self) -> tuple[str, ...]:
         """Return the ids of the finished runs whose policies are stored."""

@@ -13,15 +13,16 @@ from benchmarks.registry import Registry
 from benchmarks.tasks import CellTask, PhysicsTask, ReferenceSpec, ReferenceTask, Task
 from bgn import domains
 from bgn.domains import Domain, from_file
+from bgn.domains.episode_opening import CLEAN, HIDDEN, EpisodeOpening
 from bgn.results import provenance
 from bgn.results.provenance import Origin
 from bgn.results.run_ids import CellId, ReferenceId, RunId
-from bgn.results.schema import CLEAN, HIDDEN, OUTCOME, Convention
+from bgn.results.schema import OUTCOME
 from bgn.results.store import Kind, Store
 from bgn.training.cell import CellSpec
 
 _REFERENCE_SEED = 0
-_STEPS_PER_PLANNING_SECOND = 3000.0  # to compare a planner's time with training, roughly
+_STEPS_PER_BACKUP = 3.0  # to compare a planner's work with training, roughly
 
 
 class State(enum.Enum):
@@ -143,6 +144,7 @@ class Selection:
                     reference=reference,
                     convention=convention,
                     episodes=budget.reference_episodes,
+                    planning_backups=budget.planning_backups,
                     planning_seconds=budget.planning_seconds,
                     seed=_REFERENCE_SEED,
                 )
@@ -153,7 +155,7 @@ class Selection:
         spec = members[0].spec
         origin = members[0].origin
         if isinstance(spec, ReferenceSpec):
-            cost = spec.planning_seconds * _STEPS_PER_PLANNING_SECOND
+            cost = spec.planning_backups * _STEPS_PER_BACKUP
             return ReferenceTask(
                 origin=origin,
                 budget=self.budget,
@@ -177,12 +179,12 @@ class Selection:
         )
 
 
-def conventions(domain: Domain) -> tuple[Convention, ...]:
+def conventions(domain: Domain) -> tuple[EpisodeOpening, ...]:
     """Return how episodes of a domain may open."""
     return (CLEAN, HIDDEN) if domain.hidden_first_action else (CLEAN,)
 
 
-def opening(domain: Domain) -> Convention:
+def opening(domain: Domain) -> EpisodeOpening:
     """Return how the episodes of agents open."""
     return conventions(domain)[-1]
 

@@ -25,7 +25,7 @@ from bgn.results.run_ids import RunId
 from bgn.results.store import Store
 
 if TYPE_CHECKING:
-    from bgn.policies.saved import Policy
+    from bgn.policies.saved import NetworkPolicy
 
 LONGEST = "longest"
 
@@ -47,7 +47,7 @@ class PooledEvidence(StoredEvidence):
         ]
         return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame()
 
-    def policy(self, run: str | RunId, *, greedy: bool = True) -> Policy:
+    def policy(self, run: str | RunId, *, greedy: bool = True) -> NetworkPolicy:
         """Return the trained policy of a run (see :meth:`StoredEvidence.policy`)."""
         domain = (RunId.parse(run) if isinstance(run, str) else run).cell.domain
         if domain not in self.parts:

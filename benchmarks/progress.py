@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Sequence
 from typing import Protocol
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from benchmarks.events import Advanced, Event, Finished, Started
-from benchmarks.tasks import Task
+from benchmarks.events import Advanced, Event, Finished, Restarted, Started
+from benchmarks.tasks import CellTask, Task
+
+Runs = tuple[str, ...]
+"""What tells tasks apart: the ids of their runs."""
 
 _SECONDS_BETWEEN_LINES = 30.0
 
@@ -40,27 +44,44 @@ class _Ledger:
         self.tasks = tasks
         self.total = sum(task.cost for task in tasks)
         self.runs = sum(len(task.runs) for task in tasks)
-        self.fractions: dict[str, float] = {}
-        self.rates: dict[str, float] = {}
+        self.names = Counter(task.name for task in tasks)
+        self.fractions: dict[Runs, float] = {}
+        self.rates: dict[Runs, float] = {}
         self.finished = self.failed = self.finished_runs = 0
         self.started = time.monotonic()
 
     def note(self, event: Event) -> None:
-        name = event.task.name
+        runs = event.task.runs
         if isinstance(event, Advanced):
-            self.fractions[name] = event.progress.env_steps / event.progress.total_env_steps
-            self.rates[name] = event.progress.steps_per_second
+            self.fractions[runs] = event.progress.env_steps / event.progress.total_env_steps
+            self.rates[runs] = event.progress.steps_per_second
         elif isinstance(event, Finished):
-            self.fractions[name] = 1.0
-            self.rates.pop(name, None)
+            self.fractions[runs] = 1.0
+            self.rates.pop(runs, None)
             self.finished += 1
             self.finished_runs += len(event.task.runs)
             self.failed += len(event.task.runs) if event.failure else 0
 
+    def label(self, task: Task) -> str:
+        """Return what a task is called: its cell or row, with its seeds where tasks share a cell."""
+        if self.names[task.name] == 1 or not isinstance(task, CellTask):
+            return task.name
+        return f"{task.name} (seed{'s' if len(task.seeds) > 1 else ''} {', '.join(map(str, task.seeds))})"
+
+    def describe(self, event: Restarted | Finished) -> str:
+        """Say how a task ended, or begins again, in a line."""
+        label = self.label(event.task)
+        if isinstance(event, Restarted):
+            return f"again  {label}: {event.reason}"
+        if event.failure:
+            return f"FAILED {label}: {event.failure.error}"
+        runs = len(event.task.runs)
+        return f"done   {label} ({runs} run{'s' if runs > 1 else ''})"
+
     @property
     def done(self) -> float:
         """Cost of what is done."""
-        return sum(task.cost * self.fractions.get(task.name, 0.0) for task in self.tasks)
+        return sum(task.cost * self.fractions.get(task.runs, 0.0) for task in self.tasks)
 
     def summary(self) -> str:
         """Say how far everything is."""
@@ -76,14 +97,6 @@ class _Ledger:
         if not self.done:
             return None
         return (time.monotonic() - self.started) * (self.total - self.done) / self.done
-
-
-def describe(event: Finished) -> str:
-    """Say how a task ended, in a line."""
-    if event.failure:
-        return f"FAILED {event.task.name}: {event.failure.error}"
-    runs = len(event.task.runs)
-    return f"done   {event.task.name} ({runs} run{'s' if runs > 1 else ''})"
 
 
 class _Bars:
@@ -103,7 +116,7 @@ class _Bars:
             speed_estimate_period=600,
         )
         self._all = self._bars.add_task("all", total=self._ledger.total, note="")
-        self._running: dict[str, TaskID] = {}
+        self._running: dict[Runs, TaskID] = {}
 
     def __enter__(self) -> _Bars:
         self._bars.start()
@@ -114,21 +127,22 @@ class _Bars:
 
     def note(self, event: Event) -> None:
         self._ledger.note(event)
-        name = event.task.name
+        runs = event.task.runs
         if isinstance(event, Started):
-            self._running[name] = self._bars.add_task(name, total=None, note="")
+            self._running[runs] = self._bars.add_task(self._ledger.label(event.task), total=None, note="")
         elif isinstance(event, Advanced):
             progress = event.progress
             note = f"{progress.steps_per_second:,.0f} steps/s, return {progress.return_100:.2f}"
             self._bars.update(
-                self._running[name],
+                self._running[runs],
                 total=progress.total_env_steps,
                 completed=progress.env_steps,
                 note=note if progress.stage == "train" else "evaluating",
             )
         else:
-            self._bars.remove_task(self._running.pop(name))
-            self._bars.console.print(describe(event), highlight=False, markup=False)
+            if isinstance(event, Finished):
+                self._bars.remove_task(self._running.pop(runs))
+            self._bars.console.print(self._ledger.describe(event), highlight=False, markup=False)
         self._bars.update(self._all, completed=self._ledger.done, note=self._ledger.summary())
 
 
@@ -148,8 +162,8 @@ class _Lines:
 
     def note(self, event: Event) -> None:
         self._ledger.note(event)
-        if isinstance(event, Finished):
-            self._print(describe(event) + " | ")
+        if isinstance(event, Finished | Restarted):
+            self._print(self._ledger.describe(event) + " | ")
         elif time.monotonic() - self._last >= _SECONDS_BETWEEN_LINES:
             self._print("")
 

@@ -120,7 +120,10 @@ class Budget(_Entry):
     evaluation_episodes: int = Field(ge=2)
     physics_episodes: int = Field(ge=0)
     reference_episodes: int = Field(ge=2)
+    planning_backups: int = Field(ge=1)
+    """Work of one solve."""
     planning_seconds: float = Field(gt=0)
+    """CPU time after which a solve is cut off all the same."""
     env_steps: dict[str, int]
     """Environment steps of a run, by domain id; a domain that is left out is not part of the budget."""
 
@@ -272,7 +275,7 @@ def load(path: str | pathlib.Path = DEFAULT_PATH) -> Registry:
     try:
         registry = Registry.model_validate(data)
     except ValidationError as error:
-        raise RegistryError(f"{path}: {_explain(error)}") from error
+        raise RegistryError(f"{path}: {explain(error)}") from error
     for name, entry in registry.domains.items():
         if isinstance(entry, FileDomainEntry):
             _declare(path, name, entry)
@@ -326,7 +329,8 @@ def _declare(path: pathlib.Path, name: str, entry: FileDomainEntry) -> None:
         raise RegistryError(f"{where}: cannot read {str(file)!r}: {error}") from error
 
 
-def _explain(error: ValidationError) -> str:
+def explain(error: ValidationError) -> str:
+    """Say in one line which keys of a file are wrong, and why."""
     lines = []
     for problem in error.errors():
         key = ".".join(str(part) for part in problem["loc"] if part not in (_FILE, _MODULE))
@@ -349,7 +353,7 @@ def _check_preset(where: str, preset: Preset, domains: Mapping[str, object]) -> 
         try:
             preset.hyperparameters(domain)
         except ValidationError as error:
-            raise ValueError(f"{where} for {domain}: {_explain(error)}") from error
+            raise ValueError(f"{where} for {domain}: {explain(error)}") from error
 
 
 def _inherited(name: str, presets: Mapping[str, Any], heirs: tuple[str, ...] = ()) -> Any:

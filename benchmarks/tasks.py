@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
 
 from bgn.domains import from_file
+from bgn.domains.episode_opening import EpisodeOpening
 from bgn.domains.from_file import FileDomain
 from bgn.results import provenance, schema
 from bgn.results.atomic import write_atomically
 from bgn.results.provenance import Origin
 from bgn.results.run_ids import CellId, ReferenceId, RunId
-from bgn.results.schema import Convention
 from bgn.results.store import Kind, StorageError, Store, read_shard, writing_to
 from bgn.training.cell import CellSpec, DeviceLostError, Progress, RunResult
 from bgn.training.physics_evaluation import has_physics
@@ -78,8 +78,9 @@ class ReferenceSpec:
 
     domain: str
     reference: str
-    convention: Convention
+    convention: EpisodeOpening
     episodes: int
+    planning_backups: int
     planning_seconds: float
     seed: int
 
@@ -100,6 +101,7 @@ def evaluate_reference(spec: ReferenceSpec) -> Mapping[str, float]:
         episodes=spec.episodes,
         seed=spec.seed,
         convention=spec.convention,
+        backups=spec.planning_backups,
         timeout=spec.planning_seconds,
     )
 
@@ -253,7 +255,7 @@ def _record_failure(task: Task, failure: Failure) -> None:
 
 def _train(task: CellTask, work: Work, started_at: datetime.datetime, listener: ProgressListener) -> None:
     store = Store(task.store)
-    checkpoint = store.checkpoint(task.name, f"{task.origin.key}-{'-'.join(map(str, task.seeds))}")
+    checkpoint = store.checkpoint(task.name, task.origin.key, task.seeds)
     checkpoint.parent.mkdir(parents=True, exist_ok=True)
     results = work.train_cell(
         task.spec,
@@ -267,7 +269,7 @@ def _train(task: CellTask, work: Work, started_at: datetime.datetime, listener: 
         raise ValueError(f"asked for seeds {task.seeds}, got {[result.seed for result in results]}")
     for result, values in zip(results, _rows(task, _FINISHED, started_at), strict=True):
         _store_run(store, task, work, result, values)
-    store.discard_checkpoints(task.name)
+    store.discard_checkpoints(task.name, task.seeds)
 
 
 def _store_run(store: Store, task: CellTask, work: Work, result: RunResult, values: dict[str, Any]) -> None:

@@ -52,11 +52,11 @@ def run_tasks(
         A worker cannot write, for lack of space or of permission.
     """
     waiting = deque(tasks)
-    workers: list[_Worker] = []
+    workers: list[Worker] = []
     try:
         while waiting or workers:
             while waiting and len(workers) < jobs:
-                workers.append(_Worker(work))
+                workers.append(Worker(work))
                 yield workers[-1].start(waiting.popleft())
             ready = _ready(workers, tick)
             if not ready:
@@ -70,12 +70,12 @@ def run_tasks(
                     workers.remove(worker)
                     if worker.task is not None:
                         yield worker.died()
-                    _stop([worker])
+                    stop([worker])
     finally:
-        _stop(workers)
+        stop(workers)
 
 
-class _Worker:
+class Worker:
     """A process that does one task after another, seen from the parent."""
 
     def __init__(self, work: Work) -> None:
@@ -125,7 +125,7 @@ class _Worker:
         record_failure(self.task, failure)
         return Finished(self.task, failure)
 
-    def ask_to_stop(self) -> None:
+    def ask_tostop(self) -> None:
         """Ask the process to end: at its next report of progress, after writing a checkpoint."""
         with contextlib.suppress(OSError):
             self.connection.send(None)
@@ -147,11 +147,11 @@ class _Worker:
         self.process.join()
 
 
-def _stop(workers: Sequence[_Worker]) -> None:
+def stop(workers: Sequence[Worker]) -> None:
     """End all workers together: asked first, then, or when this is interrupted in turn, at once."""
     try:
         for worker in workers:
-            worker.ask_to_stop()
+            worker.ask_tostop()
         deadline = time.monotonic() + _GRACE_SECONDS
         for worker in workers:
             worker.end(deadline)
@@ -160,7 +160,7 @@ def _stop(workers: Sequence[_Worker]) -> None:
             worker.kill()
 
 
-def _ready(workers: Sequence[_Worker], tick: float | None) -> list[_Worker]:
+def _ready(workers: Sequence[Worker], tick: float | None) -> list[Worker]:
     connections = wait([worker.connection for worker in workers], tick)
     return [worker for worker in workers if worker.connection in connections]
 

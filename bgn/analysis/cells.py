@@ -13,7 +13,7 @@ import pandas as pd
 from bgn.analysis import paper, verdicts
 from bgn.analysis.statistics import Sample, prediction_interval, rate_error, rate_interval
 from bgn.analysis.verdicts import Cell, Judgement, Verdict
-from bgn.results.schema import CLEAN, Convention
+from bgn.domains.episode_opening import CLEAN, EpisodeOpening
 
 GROUNDED = "ah-ch+bgn"
 """The agent that the paper's claims about robot domains compare with."""
@@ -32,7 +32,7 @@ class DomainRow:
     """The column of ``runs`` that is judged."""
     tolerance: float
     """What difference from the paper is negligible, in the metric's unit."""
-    opening: Convention = CLEAN
+    opening: EpisodeOpening = CLEAN
     """How the episodes of agents open."""
     authors_metric: str | None = None
     """The column that measures as the authors did, where that is another one and was measured."""

@@ -33,7 +33,7 @@ from bgn.analysis.statistics import (
     welch_p,
 )
 from bgn.analysis.verdicts import SIGNIFICANCE, Cell
-from bgn.results.schema import CLEAN
+from bgn.domains.episode_opening import CLEAN
 
 Pair = tuple[Cell, Cell]
 

@@ -34,9 +34,13 @@ def success_table(
 ) -> TextTable:
     """Return successes of finished episodes by session and task, with Clopper-Pearson's interval."""
     rows = []
-    for (session, evidence, task), group in found[found["outcome"].isin(finished)].groupby(["session", "evidence", "task"]):
+    for (session, evidence, task), group in found[found["outcome"].isin(finished)].groupby(
+        ["session", "evidence", "task"]
+    ):
         successes, n = int((group["outcome"] == "success").sum()), len(group)
         low, high = binomial_interval(successes, n)
-        rows.append([str(session), str(evidence), str(task), f"{successes} of {n}", f"{low:.2f} to {high:.2f}"])
+        rows.append(
+            [str(session), str(evidence), str(task), f"{successes} of {n}", f"{low:.2f} to {high:.2f}"]
+        )
     notes = ["Interrupted episodes are not counted. 95 %: Clopper-Pearson."]
     return TextTable("Episodes on the robot", ["Session", "Evidence", "Task", "Success", "95 %"], rows, notes)

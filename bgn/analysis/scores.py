@@ -16,7 +16,7 @@ from bgn.analysis import cells
 from bgn.analysis.cells import DomainRow
 from bgn.analysis.statistics import Sample
 from bgn.analysis.verdicts import Cell
-from bgn.results.schema import CLEAN, HIDDEN
+from bgn.domains.episode_opening import CLEAN, HIDDEN
 
 Array = NDArray[np.float64]
 

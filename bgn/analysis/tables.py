@@ -13,7 +13,7 @@ from bgn.analysis.criteria import Answer
 from bgn.analysis.evidence import Evidence
 from bgn.analysis.text_table import BLANK, TextTable, plus_minus
 from bgn.analysis.verdicts import Verdict
-from bgn.results.schema import CLEAN, HIDDEN
+from bgn.domains.episode_opening import CLEAN, HIDDEN
 
 _MARKS = {
     Verdict.REPRODUCED: "=",

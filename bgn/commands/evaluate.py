@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import argparse
+from typing import TYPE_CHECKING
 
 from bgn.commands.parsing import Commands
-from bgn.commands.planning import add_model, load_model, print_values
-from bgn.planning import policy_file
-from bgn.planning.compiled import compile_model
-from bgn.planning.episodic import start_beliefs
-from bgn.planning.evaluate import evaluate
-from bgn.planning.policies import Policy, UniformRandom, always, informed, qmdp
-from bgn.pomdp.model import MOMDP, POMDP
+from bgn.commands.planning import add_model, load_domain, print_values
+
+if TYPE_CHECKING:
+    from bgn.domains.domain import Domain
+    from bgn.domains.episode_opening import EpisodeOpening
+    from bgn.simulation.policy import Policy
 
 
 def add_evaluate(commands: Commands) -> None:
     """Add the command that simulates a policy."""
     command = commands.add_parser("evaluate", help="simulate a policy on a model")
     add_model(command)
-    command.add_argument("policy", help="a .policy file, or: random, qmdp, fib, always:ACTION")
+    command.add_argument(
+        "policy", help="a saved policy, or: random, qmdp, fib, always:ACTION, scripted (robot domains)"
+    )
     command.add_argument("--episodes", type=int, default=10_000)
     command.add_argument("--seed", type=int, default=0)
     command.add_argument(
@@ -28,14 +30,16 @@ def add_evaluate(commands: Commands) -> None:
 
 
 def _evaluate(options: argparse.Namespace) -> int:
-    model, limit = load_model(options.model)
+    from bgn.planning.evaluate import evaluate
+
+    domain = load_domain(options.model)
     outcome = evaluate(
-        model,
-        _policy(options.policy, model, options),
+        domain,
+        _policy(options.policy, domain, options.convention),
         episodes=options.episodes,
         seed=options.seed,
         convention=options.convention,
-        limit=limit if options.limit is None else options.limit,
+        limit=options.limit,
     )
     low, high = outcome.interval
     values = {
@@ -55,13 +59,20 @@ def _evaluate(options: argparse.Namespace) -> int:
     return 0
 
 
-def _policy(name: str, model: MOMDP, options: argparse.Namespace) -> Policy:
-    joint: POMDP = model.joint
+def _policy(name: str, domain: Domain, convention: EpisodeOpening) -> Policy:
+    """Return the policy of a name, importing only what it needs."""
+    from bgn import policies
+    from bgn.planning.heuristics import always, informed, qmdp
+    from bgn.policies.alpha_vectors import AlphaVectorPolicy
+    from bgn.policies.scripted import scripted_policy
+    from bgn.policies.uniform import RandomPolicy
+
     if name == "random":
-        return UniformRandom()
+        return RandomPolicy(domain)
+    if name == "scripted":
+        return scripted_policy(domain)
     if name.startswith("always:"):
-        return always(joint, name.removeprefix("always:"))
+        return AlphaVectorPolicy(always(domain.model.joint, name.removeprefix("always:")), domain)
     if name in ("qmdp", "fib"):
-        compiled = compile_model(joint, start_beliefs(model, options.convention))
-        return (qmdp if name == "qmdp" else informed)(joint, compiled)
-    return policy_file.load(name)
+        return AlphaVectorPolicy((qmdp if name == "qmdp" else informed)(domain.model, convention), domain)
+    return policies.load(name, domain)

@@ -5,13 +5,16 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, Final, get_args
 
 from bgn import domains
-from bgn.planning.evaluate import DEFAULT_LIMIT
+from bgn.domains.domain import Domain
+from bgn.domains.episode_opening import CLEAN, EpisodeOpening
+from bgn.domains.from_file import FileDomain
 from bgn.planning.sarsop import PlanningError
-from bgn.pomdp import reader
-from bgn.pomdp.model import MOMDP
+
+#: Counted steps of an episode in a file's model, as in the paper's classic domains (Table 5).
+FILE_EPISODE_LIMIT: Final = 100
 
 
 def add_model(command: argparse.ArgumentParser) -> None:
@@ -19,21 +22,29 @@ def add_model(command: argparse.ArgumentParser) -> None:
     command.add_argument("model", metavar="FILE", help="a .pomdp file, or the id of a domain")
     command.add_argument(
         "--convention",
-        choices=("clean", "hidden-first-action"),
-        default="clean",
+        choices=get_args(EpisodeOpening),
+        default=CLEAN,
         help="how an episode opens; the second with an unseen random action, as for the paper's agents",
     )
     command.add_argument("--json", action="store_true", help="print the result as JSON")
 
 
-def load_model(name: str) -> tuple[MOMDP, int]:
-    """Return a model by file or domain id, and its episode limit."""
+def load_domain(name: str) -> Domain:
+    """Return a domain by its id, or the one that a .pomdp file defines."""
     if name in domains.ids():
-        domain = domains.get(name)
-        return domain.model, domain.episode_limit
-    if not Path(name).exists():
+        return domains.get(name)
+    path = Path(name)
+    if not path.exists():
         raise PlanningError(f"{name}: no such file, nor a domain; domains: {', '.join(domains.ids())}")
-    return MOMDP(reader.load(name)), DEFAULT_LIMIT
+    text = path.read_bytes().decode("utf-8-sig", errors="replace")
+    return FileDomain(
+        id=path.name,
+        title=path.name,
+        source=name,
+        text=text,
+        episode_limit=FILE_EPISODE_LIMIT,
+        hidden_first_action=True,
+    ).build()
 
 
 def print_values(values: dict[str, Any], *, as_json: bool) -> None:

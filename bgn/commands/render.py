@@ -12,7 +12,7 @@ from bgn.errors import InputError
 
 if TYPE_CHECKING:
     from bgn.domains.domain import Domain
-    from bgn.physics.world import Policy
+    from bgn.simulation.policy import Policy
 
 
 def add_render(commands: Commands) -> None:
@@ -52,15 +52,16 @@ def _render(options: argparse.Namespace) -> int:
 
 
 def _find_policy(domain_id: str, name: str, variant: dict[str, str | int]) -> tuple[Domain, Policy]:
-    from bgn.policies import scripted
-    from bgn.policies.saved import Policy
+    from bgn import policies
+    from bgn.policies.scripted import scripted_policy
+    from bgn.policies.uniform import RandomPolicy
 
     if name in ("random", "scripted"):
         domain = get(domain_id, **variant)
-        return domain, scripted.RandomPolicy(domain) if name == "random" else scripted.scripted_policy(domain)
+        return domain, RandomPolicy(domain) if name == "random" else scripted_policy(domain)
     if variant:
         raise InputError("a saved policy brings its own variant: leave out --variant and --plates")
-    policy = Policy.load(Path(name))
+    policy = policies.load(name)
     if policy.domain.id != domain_id:
         raise InputError(f"{name} is a policy of {policy.domain.id}, not of {domain_id}")
     return policy.domain, policy

@@ -11,10 +11,10 @@ from rich.console import Console
 from rich.live import Live
 
 from bgn.commands.parsing import INTERRUPTED, Commands
-from bgn.commands.planning import add_model, load_model, print_values
-from bgn.planning import policy_file
+from bgn.commands.planning import add_model, load_domain, print_values
 from bgn.planning.appl import solve_with_appl
 from bgn.planning.sarsop import PlanningError, Progress, Solution, solve, warm_up
+from bgn.policies import alpha_file
 from bgn.pomdp.model import MOMDP
 
 _PLAIN_SECONDS = 5.0  # between progress lines where there is no terminal
@@ -28,6 +28,9 @@ def add_solve(commands: Commands) -> None:
     command.add_argument(
         "--timeout", type=float, default=60.0, help="CPU seconds, after the kernels are compiled"
     )
+    command.add_argument(
+        "--backups", type=int, help="stop after this much work, which finds the same on every run"
+    )
     command.add_argument("--policy", type=Path, metavar="OUT", help="write the policy (APPL's XML format)")
     command.add_argument(
         "--solver", choices=("bgn", "appl"), default="bgn", help="appl: pomdpsol from the PATH"
@@ -36,7 +39,7 @@ def add_solve(commands: Commands) -> None:
 
 
 def _solve(options: argparse.Namespace) -> int:
-    model, _ = load_model(options.model)
+    model = load_domain(options.model).model
     if options.policy is not None and not options.policy.absolute().parent.is_dir():
         raise PlanningError(f"{options.policy}: there is no folder {options.policy.absolute().parent}")
     if options.solver == "appl":
@@ -48,16 +51,19 @@ def _solve(options: argparse.Namespace) -> int:
                 model,
                 precision=options.precision,
                 timeout=options.timeout,
+                backups=options.backups,
                 convention=options.convention,
                 on_progress=report,
             )
     if options.policy is not None:
-        policy_file.save(solution.policy, options.policy, model=Path(options.model).name)
+        alpha_file.save(solution.policy, options.policy, model=Path(options.model).name)
     _print_solution(solution, options)
     return INTERRUPTED if solution.reason == "interrupted" else 0
 
 
 def _solve_with_appl(model: MOMDP, options: argparse.Namespace) -> Solution:
+    if options.backups is not None:
+        raise PlanningError("pomdpsol cannot be bounded by backups: use --timeout")
     if options.convention != "clean" or model.n_observed > 1:
         raise PlanningError("pomdpsol solves one start belief: only clean episodes of models that show no x")
     return solve_with_appl(model.joint, precision=options.precision, timeout=options.timeout)

@@ -6,7 +6,7 @@ A policy is trained on tables that were compiled from this physics; here it acts
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol, TypedDict
+from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,20 +16,9 @@ from bgn.domains.domain import Domain
 from bgn.errors import InputError
 from bgn.physics.tasks import Step, Task, draw_start, task_of
 from bgn.simulation.belief_rules import next_belief, start_belief
+from bgn.simulation.policy import Policy
 
 Floats = NDArray[np.float64]
-
-
-class Policy(Protocol):
-    """Anything that acts on the history alone."""
-
-    def reset(self, generator: np.random.Generator | None = None) -> None:
-        """Forget the history: a new episode begins, in which a policy that samples uses ``generator``."""
-        ...
-
-    def act(self, observation: int, last_action: int | None) -> int:
-        """Return the next action after an observation and the action before it, if there was one."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from PIL import ImageDraw, ImageFont
 
 from bgn.domains.domain import Domain
 from bgn.physics import RenderingUnavailableError
-from bgn.physics.world import EpisodeState, PhysicsWorld, Policy
+from bgn.physics.world import EpisodeState, PhysicsWorld
 from bgn.pictures.belief_panels import (
     FINGER,
     LEFT_BUMP,
@@ -26,6 +26,7 @@ from bgn.pictures.belief_panels import (
     panel_size,
 )
 from bgn.pictures.camera import Camera
+from bgn.simulation.policy import Policy
 
 FRAMES_PER_MOVE: Final = 5
 FRAME_MILLISECONDS: Final = 90

@@ -35,8 +35,6 @@ RELATIVE_IMPROVEMENT = 1e-9
 NEGLIGIBLE = 1e-13
 #: Beliefs whose probabilities round to the same multiples of this are one node.
 RESOLUTION = 2.0**-38
-#: Steps a sampled path may have.
-MAX_DEPTH = 200
 #: Cells a side of the grids over (initial upper bound, entropy) on which values of similar beliefs are
 #: averaged.
 BINS = (5, 25)
@@ -67,6 +65,7 @@ SLOT = np.dtype(
         ("coarse", "i4"),  # the cells where its value is averaged
         ("fine", "i4"),
         ("binned", "f8"),  # the value it has contributed there; NaN: none
+        ("trial", "i8"),  # the last that passed here
     ],
     align=True,
 )
@@ -95,7 +94,9 @@ POINT = np.dtype(
     align=True,
 )
 
-(*(NODES, BELIEFS, SLOTS, EDGES, ALPHAS, ALPHA_ENTRIES, ALPHA_NEXT, POINTS, SUPPORTS, BACKUPS),) = range(10)
+(*(NODES, BELIEFS, SLOTS, EDGES, ALPHAS, ALPHA_ENTRIES, ALPHA_NEXT, POINTS, SUPPORTS, BACKUPS, TRIALS),) = (
+    range(11)
+)
 
 
 class Search(NamedTuple):
@@ -122,7 +123,7 @@ class Search(NamedTuple):
     support_state: NDArray[np.int32]
     support_inverse: Floats  # 1 / b(s)
     bin_sums: Floats  # (2, cells, 3): sum, count, squared errors of predictions
-    path: Ints  # (MAX_DEPTH,)
+    path: Ints  # (longest path,) the nodes of the last trial
     predicted: Floats  # (L,) scratch: the belief after an action, before its observation
     backward: Floats  # (L,) scratch
     conditioned: Floats  # (largest class,) scratch: the belief after the observation
@@ -241,7 +242,7 @@ def add_sampled(model: CompiledModel, search: Search, c: int, b: Floats) -> int:
         for j in range(b.size):
             search.beliefs[node.at + j] = b[j]
         slot = search.slots[s]
-        slot.node, slot.alive, slot.support_at, slot.binned = i, True, -1, np.nan
+        slot.node, slot.alive, slot.support_at, slot.binned, slot.trial = i, True, -1, np.nan, 0
         first = model.class_first[c]
         for a in range(model.n_actions):
             search.q_upper[s, a] = dot(b, search.informed[a, first : first + b.size])
@@ -564,17 +565,26 @@ def predict_value(model: CompiledModel, search: Search, i: int) -> float:
 
 @kernel
 def trial(
-    model: CompiledModel, search: Search, root: int, lower_target: float, upper_target: float, epsilon: float
+    model: CompiledModel,
+    search: Search,
+    root: int,
+    lower_target: float,
+    upper_target: float,
+    epsilon: float,
+    spread: bool,
 ) -> int:
     """Sample one path from a root towards beliefs that matter, then back it up; return its length.
 
     Kurniawati, Hsu, Lee (2008), Algorithm 3: a path ends where neither the predicted value would raise the
     root's lower bound nor the upper bound keeps the root's gap above the target. The next belief is the child
-    whose gap exceeds its target the most.
+    whose gap exceeds its target the most; with ``spread``, one that the path has not passed before if any
+    exceeds it.
     """
     i, depth, slack = root, 0, epsilon
-    while depth < MAX_DEPTH:
+    search.counts[TRIALS] += 1
+    while depth < search.path.size:
         search.path[depth] = i
+        search.slots[search.nodes[i].slot].trial = search.counts[TRIALS]
         depth += 1
         a = update_upper(model, search, i)
         _, lower = update_lower(model, search, i)
@@ -589,15 +599,21 @@ def trial(
         refresh_children(model, search, i, a, True)
         refresh_children(model, search, i, a, False)
         first, last = edges_of(model, search, i, a)
-        chosen, widest, below, above = -1, 0.0, 0.0, 0.0
+        below, above, chosen, widest, passed, widest_passed = 0.0, 0.0, -1, 0.0, -1, 0.0
         for e in range(first, last):
             edge = search.edges[e]
             if edge.child >= 0:
                 child = search.nodes[edge.child]
                 below += edge.p * child.lower
                 above += edge.p * child.upper
-                if edge.p * (child.upper - child.lower - slack) > widest:
-                    chosen, widest = e, edge.p * (child.upper - child.lower - slack)
+                excess = edge.p * (child.upper - child.lower - slack)
+                if spread and child.slot >= 0 and search.slots[child.slot].trial == search.counts[TRIALS]:
+                    if excess > widest_passed:
+                        passed, widest_passed = e, excess
+                elif excess > widest:
+                    chosen, widest = e, excess
+        if chosen < 0:
+            chosen = passed
         if chosen < 0:
             break
         edge = search.edges[chosen]

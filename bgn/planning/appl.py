@@ -9,9 +9,9 @@ import tempfile
 import time
 from pathlib import Path
 
-from bgn.planning import policy_file
 from bgn.planning.episodic import without_resets
 from bgn.planning.sarsop import PlanningError, Progress, Solution
+from bgn.policies import alpha_file
 from bgn.pomdp import writer
 from bgn.pomdp.model import POMDP
 
@@ -44,7 +44,7 @@ def solve_with_appl(model: POMDP, *, precision: float, timeout: float) -> Soluti
         if run.returncode != 0 or not result.exists():
             said = (run.stderr or run.stdout).strip().splitlines()[-3:]
             raise PlanningError(f"pomdpsol failed with exit code {run.returncode}: {' / '.join(said)}")
-        policy = policy_file.load(result)
+        policy = alpha_file.load(result)
     rows = _ROW.findall(run.stdout)
     if not rows:
         raise PlanningError(

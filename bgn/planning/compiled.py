@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from bgn.planning.episodic import StartBelief, going_on, worthless_states
+from bgn.planning.episodic import StartBelief, continuing_transitions, worthless_states
 from bgn.pomdp.model import POMDP, Floats
 
 Ints = NDArray[np.int64]
@@ -70,7 +70,7 @@ class CompiledModel(NamedTuple):
 def compile_model(model: POMDP, starts: tuple[StartBelief, ...]) -> CompiledModel:
     """Lay out what is reachable from the start beliefs."""
     live = _reachable_live(model, starts)
-    moves = [_within(move, live) for move in going_on(model)]
+    moves = [_within(move, live) for move in continuing_transitions(model)]
     emissions = [sparse.csr_array(model.observations[a][live]) for a in range(model.n_actions)]
     labels = _classes(moves, emissions, [start.belief[live] > 0 for start in starts])
     order = np.argsort(labels, kind="stable")
@@ -113,7 +113,7 @@ def _reachable_live(model: POMDP, starts: tuple[StartBelief, ...]) -> Ints:
     """Return the indices of the states that are reachable before the episode is over."""
     worthless = worthless_states(model)
     reached = np.any([start.belief > 0 for start in starts], axis=0) & ~worthless
-    moves = going_on(model)
+    moves = continuing_transitions(model)
     while True:
         weights = reached.astype(np.float64)
         grown = reached | (np.any([weights @ move > 0 for move in moves], axis=0) & ~worthless)

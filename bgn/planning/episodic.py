@@ -8,16 +8,16 @@ table; both only differ in the beliefs from which the policy begins to act, see 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Literal, NamedTuple, get_args
+from typing import NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from bgn.domains.episode_opening import CLEAN, HIDDEN, EpisodeOpening
 from bgn.errors import InputError
 from bgn.pomdp.model import MOMDP, POMDP, Floats
 
-Convention = Literal["clean", "hidden-first-action"]
 #: Beliefs less likely than this are left out of the possible openings of an episode.
 NEGLIGIBLE = 1e-15
 
@@ -33,7 +33,7 @@ class StartBelief(NamedTuple):
     """What tells it from the others: action * |Ω| + observation of a hidden first action, else x."""
 
 
-def start_beliefs(model: POMDP | MOMDP, convention: Convention = "clean") -> tuple[StartBelief, ...]:
+def start_beliefs(model: POMDP | MOMDP, convention: EpisodeOpening = CLEAN) -> tuple[StartBelief, ...]:
     """Return the beliefs a policy begins from, with their probabilities.
 
     ``clean``: the start distribution; in a mixed-observability model the first x is seen, so one belief for
@@ -46,10 +46,10 @@ def start_beliefs(model: POMDP | MOMDP, convention: Convention = "clean") -> tup
     ValueError
         Unknown convention, or a hidden first action in a mixed-observability model.
     """
-    if convention not in get_args(Convention):
-        raise InputError(f"unknown convention {convention!r}; known: {', '.join(get_args(Convention))}")
+    if convention not in get_args(EpisodeOpening):
+        raise InputError(f"unknown convention {convention!r}; known: {', '.join(get_args(EpisodeOpening))}")
     joint, n_observed = (model.joint, model.n_observed) if isinstance(model, MOMDP) else (model, 1)
-    if convention == "hidden-first-action":
+    if convention == HIDDEN:
         if n_observed > 1:
             raise InputError("a mixed-observability model shows its start: it has no hidden first action")
         unnormalised = [
@@ -75,7 +75,7 @@ def _split_by_observed(start: Floats, n_observed: int) -> Floats:
     return parts.reshape(n_observed, -1)
 
 
-def going_on(model: POMDP) -> tuple[sparse.csr_array, ...]:
+def continuing_transitions(model: POMDP) -> tuple[sparse.csr_array, ...]:
     """Return T(s, a, s') without the rows that end the episode, one (S, S) array an action."""
     return tuple(
         sparse.csr_array(sparse.diags_array((~ends).astype(np.float64)) @ transition)
@@ -86,7 +86,7 @@ def going_on(model: POMDP) -> tuple[sparse.csr_array, ...]:
 def worthless_states(model: POMDP) -> NDArray[np.bool_]:
     """Return the states from which nothing can be earned or lost any more (an episode's ends), shape (S,)."""
     live: NDArray[np.bool_] = np.asarray((model.expected_rewards != 0).any(axis=0))
-    moves = going_on(model)
+    moves = continuing_transitions(model)
     while True:
         grown = live | np.logical_or.reduce([(move @ live.astype(np.float64)) > 0 for move in moves])
         if (grown == live).all():

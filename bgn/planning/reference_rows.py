@@ -6,14 +6,15 @@ import math
 from functools import lru_cache
 
 from bgn.domains import Domain
+from bgn.domains.episode_opening import CLEAN, EpisodeOpening
 from bgn.errors import InputError
-from bgn.planning.alpha_vectors import AlphaVectors
-from bgn.planning.compiled import compile_model
 from bgn.planning.deterministic import solve_deterministic
-from bgn.planning.episodic import Convention, start_beliefs
 from bgn.planning.evaluate import evaluate
-from bgn.planning.policies import Policy, UniformRandom, always, informed, qmdp
+from bgn.planning.heuristics import always, informed, qmdp
 from bgn.planning.sarsop import solve
+from bgn.policies.alpha_vectors import AlphaVectorPolicy, AlphaVectors
+from bgn.policies.uniform import RandomPolicy
+from bgn.simulation.policy import Policy
 
 #: A solve stops when the bounds are this close, if time allows.
 PRECISION = 1e-3
@@ -32,15 +33,19 @@ def evaluate_reference(
     *,
     episodes: int,
     seed: int,
-    convention: Convention = "clean",
-    timeout: float = 30.0,
+    convention: EpisodeOpening = CLEAN,
+    backups: int = 10_000,
+    timeout: float = 600.0,
 ) -> dict[str, float]:
-    """Plan if need be (at most ``timeout`` CPU seconds), then simulate: the seed decides the episodes.
+    """Plan if need be, then simulate: the seed decides the episodes.
+
+    A solve ends after ``backups`` beliefs backed up, so that a row is the same whenever it is computed; after
+    ``timeout`` CPU seconds it is cut off, and the row says so.
 
     Returns ``return`` (discounted as the domain reports it), ``return_se``, ``return_sd``, ``success``,
     ``success_se``, ``length``. ``perfect`` is exact, without simulation; it adds ``value`` (V*, discounted as
     in training) and ``max_length``. ``sarsop`` adds ``lower_bound`` and ``upper_bound`` of the optimum (at
-    the model's discount, without the episode limit), ``solve_seconds`` (CPU) and ``vectors``.
+    the model's discount, without the episode limit), ``backups``, ``vectors`` and ``timed_out`` (0 or 1).
 
     Raises
     ------
@@ -57,14 +62,13 @@ def evaluate_reference(
                 f"reference policy 'perfect' is a success rate; {domain.id} reports discounted returns"
             )
         return _perfect(domain)
-    policy, metrics = _plan(reference_id, domain, convention, timeout)
+    policy, metrics = _plan(reference_id, domain, convention, backups, timeout)
     outcome = evaluate(
-        domain.model,
+        domain,
         policy,
         episodes=episodes,
         seed=seed,
         convention=convention,
-        limit=domain.episode_limit,
         discount=domain.report_discount,
     )
     return {
@@ -95,26 +99,33 @@ def _perfect(domain: Domain) -> dict[str, float]:
 
 
 def _plan(
-    reference_id: str, domain: Domain, convention: Convention, timeout: float
+    reference_id: str, domain: Domain, convention: EpisodeOpening, backups: int, timeout: float
 ) -> tuple[Policy, dict[str, float]]:
     """Return a reference policy and what planning it said."""
     model = domain.model
     if reference_id == "random":
-        return UniformRandom(), {}
-    if reference_id == "drive-east":
-        return always(model.joint, _DRIVE_EAST), {}
+        return RandomPolicy(domain), {}
+    metrics: dict[str, float] = {}
     if reference_id == "sarsop":
-        return _solve(domain, convention, timeout)
-    compiled = compile_model(model.joint, start_beliefs(model, convention))
-    return (qmdp if reference_id == "qmdp" else informed)(model.joint, compiled), {}
+        alpha, metrics = _solve(domain, convention, backups, timeout)
+    elif reference_id == "drive-east":
+        alpha = always(model.joint, _DRIVE_EAST)
+    else:
+        alpha = (qmdp if reference_id == "qmdp" else informed)(model, convention)
+    return AlphaVectorPolicy(alpha, domain), metrics
 
 
 @lru_cache(maxsize=8)
-def _solve(domain: Domain, convention: Convention, timeout: float) -> tuple[AlphaVectors, dict[str, float]]:
-    solution = solve(domain.model, precision=PRECISION, timeout=timeout, convention=convention)
+def _solve(
+    domain: Domain, convention: EpisodeOpening, backups: int, timeout: float
+) -> tuple[AlphaVectors, dict[str, float]]:
+    solution = solve(
+        domain.model, precision=PRECISION, backups=backups, timeout=timeout, convention=convention
+    )
     return solution.policy, {
         "lower_bound": solution.progress.lower,
         "upper_bound": solution.progress.upper,
-        "solve_seconds": solution.progress.seconds,
+        "backups": float(solution.progress.backups),
         "vectors": float(len(solution.policy)),
+        "timed_out": float(solution.reason == "timeout"),
     }

@@ -18,16 +18,23 @@ from typing import Any, Literal
 import numpy as np
 from scipy import sparse
 
+from bgn.domains.episode_opening import CLEAN, EpisodeOpening
 from bgn.errors import BgnError
 from bgn.planning import _kernels as kernels
-from bgn.planning.alpha_vectors import AlphaVectors
 from bgn.planning.bounds import blind_policies, fast_informed, value_scale
 from bgn.planning.compiled import CompiledModel, Ints, compile_model, restrict
-from bgn.planning.episodic import Convention, start_beliefs
+from bgn.planning.episodic import start_beliefs
+from bgn.policies.alpha_vectors import AlphaVectors
 from bgn.pomdp.model import MOMDP, POMDP
 
 #: A trial aims to close the gap to this share of what it is.
 TRIAL_TARGET = 0.5
+#: Steps that a sampled path may always have.
+MIN_LONGEST_PATH = 200
+#: A path may be this many times 1 / (1 - discount) long: what it tolerates grows by exp of that on the way.
+LONGEST_PATH_HORIZONS = 3
+#: Bounds the memory of a path where the discount is next to 1; trials that find nothing ask for less then.
+MAX_LONGEST_PATH = 10_000
 #: Prune when this many alpha vectors were added for each one that the last pruning left.
 PRUNE_GROWTH = 0.25
 #: Neighbourhood of the sampled beliefs in which pruning must not change the lower bound.
@@ -70,11 +77,11 @@ class Sarsop:
         The model's discount is 1: bounds need rewards that fade.
     """
 
-    def __init__(self, model: POMDP | MOMDP, convention: Convention = "clean") -> None:
+    def __init__(self, model: POMDP | MOMDP, convention: EpisodeOpening = CLEAN) -> None:
         warm_up()
         self._begin(model, convention)
 
-    def _begin(self, model: POMDP | MOMDP, convention: Convention) -> None:
+    def _begin(self, model: POMDP | MOMDP, convention: EpisodeOpening) -> None:
         self._began = time.process_time()
         self._joint = model.joint if isinstance(model, MOMDP) else model
         if self._joint.discount >= 1:
@@ -83,7 +90,7 @@ class Sarsop:
         self._model = compile_model(self._joint, starts)
         self._search = _allocate(self._model)
         self._prune_alphas_at, self._prune_points_at = 100, 500
-        self._n_trials = 0
+        self._spread = False  # whether paths keep away from beliefs they have passed
         roots, weights = [], []
         for start in starts:
             c, belief, mass = restrict(self._model, start.belief)
@@ -101,6 +108,11 @@ class Sarsop:
         """CPU time since the search was made."""
         return time.process_time() - self._began
 
+    @property
+    def backups(self) -> int:
+        """Work done so far: beliefs backed up."""
+        return int(self._search.counts[kernels.BACKUPS])
+
     def progress(self) -> Progress:
         """Return the bounds and sizes reached."""
         lower, upper = self._root_bounds()
@@ -111,12 +123,16 @@ class Sarsop:
             seconds=self.seconds,
             vectors=int(self._search.alphas["alive"][:n_alphas].sum()),
             beliefs=int(self._search.slots["alive"][:n_slots].sum()),
-            trials=self._n_trials,
-            backups=int(self._search.counts[kernels.BACKUPS]),
+            trials=int(self._search.counts[kernels.TRIALS]),
+            backups=self.backups,
         )
 
     def trials(self, precision: float) -> Iterator[None]:
         """Run trials until the gap at the start is at most ``precision``; yields after each.
+
+        Where the discount is near 1, a path may go round among a few beliefs, and once their bounds agree with
+        each other it adds nothing: the next one would be the same. So after a trial that adds nothing, paths
+        keep away from beliefs they have passed, and the next trial aims at half as large an improvement.
 
         Raises
         ------
@@ -128,6 +144,7 @@ class Sarsop:
             raise PlanningError(
                 f"precision {precision:g} is impossible: values of this model are known to about {finest:.1g}"
             )
+        share = TRIAL_TARGET
         while True:
             lower, upper = self._root_bounds()
             excess = self._weights * (upper - lower)
@@ -135,14 +152,23 @@ class Sarsop:
             if gap <= precision:
                 return
             chosen = int(excess.argmax())
-            target = max(precision, TRIAL_TARGET * gap) * float(excess[chosen]) / gap / self._weights[chosen]
-            self._reserve(kernels.MAX_DEPTH)
-            kernels.trial(
-                self._model, self._search, self._roots[chosen], lower[chosen], lower[chosen] + target, target
-            )
-            self._n_trials += 1
+            target = max(precision, share * gap) * float(excess[chosen]) / gap / self._weights[chosen]
+            if self._trial(chosen, lower[chosen], target):
+                share = TRIAL_TARGET
+            else:
+                self._spread, share = True, (1 + share) / 2
             self._prune_if_due()
             yield
+
+    def _trial(self, root: int, lower: float, target: float) -> bool:
+        """Run a trial that aims to close a root's gap to ``target``; return whether it added to a bound."""
+        self._reserve(self._search.path.size)
+        additions = [kernels.ALPHAS, kernels.POINTS]
+        before = self._search.counts[additions]
+        kernels.trial(
+            self._model, self._search, self._roots[root], lower, lower + target, target, self._spread
+        )
+        return bool((self._search.counts[additions] > before).any())
 
     def policy(self) -> AlphaVectors:
         """Return the vectors that attain the lower bound, over the original states.
@@ -221,12 +247,15 @@ def warm_up() -> None:
         observation_names=("either", "or"),
     )
     search = Sarsop.__new__(Sarsop)
-    search._begin(guess, "clean")
+    search._begin(guess, CLEAN)
     for _ in search.trials(1e-3):
         pass
     search._prune_alphas()
     search._prune_points()
     search.policy()
+
+
+Reason = Literal["precision", "backups", "timeout", "interrupted"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -236,7 +265,7 @@ class Solution:
     policy: AlphaVectors
     progress: Progress
     """Bounds and sizes at the end."""
-    reason: Literal["precision", "timeout", "interrupted"]
+    reason: Reason
     """Why it ended."""
 
 
@@ -245,22 +274,27 @@ def solve(
     *,
     precision: float,
     timeout: float,
-    convention: Convention = "clean",
+    backups: int | None = None,
+    convention: EpisodeOpening = CLEAN,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> Solution:
-    """Search until the bounds are within ``precision`` of each other, for at most ``timeout`` CPU seconds.
+    """Search until the bounds are within ``precision`` of each other.
 
-    ``on_progress`` is called about ten times a second. Ctrl-C ends the search and keeps what was found.
+    It ends earlier after the trial that reaches ``backups`` (work: the same on every run), or after
+    ``timeout`` CPU seconds. ``on_progress`` is called about ten times a second. Ctrl-C ends the search and
+    keeps what was found.
 
     Raises
     ------
     PlanningError
-        The precision is impossible, the timeout is not positive, or the discount is 1.
+        The precision is impossible, a limit is not positive, or the discount is 1.
     """
     if not timeout > 0:
         raise PlanningError(f"timeout {timeout:g} is not positive")
+    if backups is not None and backups < 1:
+        raise PlanningError(f"{backups} backups are not positive")
     search = Sarsop(model, convention)
-    reason: Literal["precision", "timeout", "interrupted"] = "precision"
+    reason: Reason = "precision"
     reported = -np.inf
     try:
         for _ in search.trials(precision):
@@ -268,6 +302,9 @@ def solve(
             if on_progress is not None and seconds - reported > 0.1:
                 on_progress(search.progress())
                 reported = seconds
+            if backups is not None and search.backups >= backups:
+                reason = "backups"
+                break
             if seconds >= timeout:
                 reason = "timeout"
                 break
@@ -336,12 +373,22 @@ def _reserve(model: CompiledModel, search: kernels.Search, steps: int) -> kernel
     return search
 
 
+def longest_path(discount: float) -> int:
+    """Return how many steps a trial may take.
+
+    The gap that a trial tolerates grows by 1 / discount with every step. A path that ends before it has grown
+    past the gaps it meets ends in a belief that stays as it was, and the next trial may take the same path.
+    """
+    horizons = int(np.ceil(LONGEST_PATH_HORIZONS / (1 - discount)))
+    return min(max(horizons, MIN_LONGEST_PATH), MAX_LONGEST_PATH)
+
+
 def _allocate(model: CompiledModel) -> kernels.Search:
     """Return a search that knows only the bounds that need no search."""
     L, A, C = model.n_live, model.n_actions, model.n_classes
     informed = fast_informed(model)
     search = kernels.Search(
-        counts=np.zeros(10, dtype=np.int64),
+        counts=np.zeros(11, dtype=np.int64),
         scale=value_scale(model),
         nodes=np.zeros(0, dtype=kernels.NODE),
         beliefs=np.zeros(0),
@@ -362,7 +409,7 @@ def _allocate(model: CompiledModel) -> kernels.Search:
         support_state=np.zeros(0, dtype=np.int32),
         support_inverse=np.zeros(0),
         bin_sums=np.zeros((2, max(kernels.BINS) ** 2, 3)),
-        path=np.zeros(kernels.MAX_DEPTH, dtype=np.int64),
+        path=np.zeros(longest_path(model.discount), dtype=np.int64),
         predicted=np.zeros(L),
         backward=np.zeros(L),
         conditioned=np.zeros(int(np.diff(model.class_first).max(initial=1))),

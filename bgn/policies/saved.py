@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from bgn import domains
-from bgn.agents.hyperparameters import CommonHyperparameters, Hyperparameters
+from bgn.agents.hyperparameters import CommonHyperparameters
 from bgn.agents.networks import AgentNetworks
 from bgn.agents.specs import agent
 from bgn.domains.domain import Domain
 from bgn.errors import BgnError
-from bgn.simulation.belief_rules import next_belief, start_belief
+from bgn.policies.belief_tracker import BeliefTracker
 from bgn.simulation.table_world import Inputs
 
 FORMAT = "bgn-policy-1"
@@ -58,7 +58,7 @@ def save_policy(
     path.write_bytes(safetensors.torch.save(contiguous, metadata={"bgn": json.dumps(description)}))
 
 
-class Policy:
+class NetworkPolicy:
     """One trained actor in one episode.
 
     Call :meth:`reset` at an episode's start, then :meth:`act` on every observation.
@@ -93,7 +93,7 @@ class Policy:
             raise PolicyFileError(f"the policy lacks the parameters {', '.join(sorted(missing))}")
         self._networks.parameters.load(0, tensors)
         self._networks.prepare()
-        self._filter = _BeliefTracker(domain) if self.spec.actor == "belief" else None
+        self._filter = BeliefTracker(domain) if self.spec.actor == "belief" else None
         self.reset()
 
     @classmethod
@@ -182,46 +182,22 @@ def describe(path: Path) -> dict[str, Any]:
     return description
 
 
-def _settings(described: Any) -> Hyperparameters:
-    """Return a description's settings, each of its type: what is built from them must have a sane size."""
-    settings = Hyperparameters(**described)
-    defaults = Hyperparameters()
-    for field in fields(Hyperparameters):
-        value, kind = getattr(settings, field.name), type(getattr(defaults, field.name))
+def _settings(described: Mapping[str, Any]) -> CommonHyperparameters:
+    """Return what the networks need of a run's settings, whichever algorithm the rest belong to.
+
+    Each is of its type, and of a sane size, since networks are built from them.
+    """
+    needed = {"shared_recurrence", "recurrent_hidden_layers"}  # without these the tensors' shapes are unknown
+    if not needed <= set(described):
+        raise ValueError(f"the hyperparameters lack {', '.join(sorted(needed - set(described)))}")
+    known = {field.name for field in fields(CommonHyperparameters)}
+    settings = CommonHyperparameters(**{name: value for name, value in described.items() if name in known})
+    defaults = CommonHyperparameters()
+    for name in sorted(known):
+        value, kind = getattr(settings, name), type(getattr(defaults, name))
         if not (type(value) is kind or (kind is float and type(value) is int)):
-            raise ValueError(f"hyperparameter {field.name} is {value!r}; expected a {kind.__name__}")
+            raise ValueError(f"hyperparameter {name} is {value!r}; expected a {kind.__name__}")
     if not 0 <= settings.recurrent_hidden_layers <= MAX_LAYERS:
         found = settings.recurrent_hidden_layers
         raise ValueError(f"hyperparameter recurrent_hidden_layers is {found}; expected 0 to {MAX_LAYERS}")
     return settings
-
-
-class _BeliefTracker:
-    """Tracks (x, b_Y) from observations and actions, for policies that are functions of the belief."""
-
-    def __init__(self, domain: Domain) -> None:
-        self._domain, self._model = domain, domain.model
-        self.x = 0
-        self.belief = np.full(self._model.n_hidden, 1 / self._model.n_hidden)
-
-    def see(self, observation: int, last_action: int | None, *, fresh: bool) -> None:
-        """Take in one observation; on an episode's first, start from the start distribution."""
-        if fresh:
-            self.x = self._arrival(self._model.joint.start, observation, action=0)
-            self.belief = start_belief(self._domain, self.x)
-        if last_action is None or (fresh and not self._domain.hidden_first_action):
-            return
-        here = slice(self.x * self._model.n_hidden, (self.x + 1) * self._model.n_hidden)
-        arrival = self.belief @ self._model.joint.transitions[last_action][here]
-        x_next = self._arrival(arrival, observation, last_action)
-        self.belief = next_belief(
-            self._domain, self.belief, last_action, observation, x=self.x, x_next=x_next
-        )
-        self.x = x_next
-
-    def _arrival(self, probability: NDArray[np.float64], observation: int, action: int) -> int:
-        """Return the x that an observation leaves possible among states of these probabilities."""
-        if self._model.n_observed == 1:
-            return 0
-        seen = self._model.joint.observations[action][:, [observation]].toarray()[:, 0]
-        return int((probability * seen).reshape(self._model.n_observed, -1).sum(axis=1).argmax())

@@ -1,4 +1,4 @@
-"""Policies written by hand: those the paper says its agents learned (Section 5.3), and a random one.
+"""Policies written by hand: those the paper says its agents learned (Section 5.3).
 
 They see what any history agent sees, the readings and their own actions.
 """
@@ -6,26 +6,14 @@ They see what any history agent sees, the readings and their own actions.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Final, Protocol, TypeVar
+from typing import Final, TypeVar
 
 import numpy as np
 
 from bgn.domains import top_plate, two_bumps_1d, two_bumps_2d
 from bgn.domains.domain import Domain
 from bgn.errors import InputError
-
-
-class Policy(Protocol):
-    """Acts on the history of one episode."""
-
-    def reset(self, generator: np.random.Generator | None = None) -> None:
-        """Begin anew."""
-        ...
-
-    def act(self, observation: int, last_action: int | None) -> int:
-        """Return the next action."""
-        ...
-
+from bgn.simulation.policy import Policy
 
 _SCRIPTS: dict[str, Callable[[Domain], Policy]] = {}
 AnyPolicy = TypeVar("AnyPolicy", bound=Callable[[Domain], Policy])
@@ -39,22 +27,6 @@ def describes(domain_id: str) -> Callable[[AnyPolicy], AnyPolicy]:
         return policy
 
     return decorate
-
-
-class RandomPolicy:
-    """Uniformly random actions."""
-
-    def __init__(self, domain: Domain) -> None:
-        self._n_actions = domain.model.joint.n_actions
-        self.reset()
-
-    def reset(self, generator: np.random.Generator | None = None) -> None:
-        """Draw this episode's actions from ``generator``."""
-        self._generator = generator or np.random.default_rng(0)
-
-    def act(self, observation: int, last_action: int | None) -> int:
-        """Return a random action."""
-        return int(self._generator.integers(self._n_actions))
 
 
 @describes("top-plate")

@@ -14,8 +14,8 @@ import re
 from dataclasses import dataclass
 from typing import Self, cast, get_args
 
+from bgn.domains.episode_opening import EpisodeOpening
 from bgn.errors import InputError
-from bgn.results.schema import Convention
 
 _NAME = re.compile(r"[a-z0-9][a-z0-9.+_-]*")
 _SEED = re.compile(r"seed-(0|[1-9][0-9]*)")
@@ -89,7 +89,7 @@ class ReferenceId:
 
     domain: str
     reference: str
-    convention: Convention
+    convention: EpisodeOpening
 
     def __post_init__(self) -> None:
         check_name(self.domain)
@@ -101,14 +101,14 @@ class ReferenceId:
     @classmethod
     def parse(cls, text: str) -> Self:
         """Read ``hallway/sarsop/clean``."""
-        conventions = get_args(Convention)
+        conventions = get_args(EpisodeOpening)
         expected = (
             f"a reference id: DOMAIN/REFERENCE/{' or '.join(conventions)}, such as hallway/sarsop/clean"
         )
         domain, reference, convention = _split(text, 3, expected)
         if convention not in conventions:
             raise RunIdError(f"{text!r} is not {expected}")
-        return cls(domain, reference, cast("Convention", convention))
+        return cls(domain, reference, cast("EpisodeOpening", convention))
 
 
 def _split(text: str, parts: int, expected: str) -> list[str]:

@@ -8,7 +8,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any, Final, Literal
+from typing import Any, Literal
 
 import pandas as pd
 import pyarrow as pa
@@ -16,11 +16,6 @@ import pyarrow as pa
 from bgn.errors import BgnError
 
 Columns = Mapping[str, pa.DataType]
-
-#: How an episode of a reference policy opens: it chooses every action, or an unseen random one comes first.
-Convention = Literal["clean", "hidden-first-action"]
-CLEAN: Final = "clean"
-HIDDEN: Final = "hidden-first-action"
 
 _TEXT, _INT, _REAL, _FLAG = pa.string(), pa.int64(), pa.float64(), pa.bool_()
 _TIME = pa.timestamp("us", tz="UTC")

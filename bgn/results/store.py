@@ -19,7 +19,7 @@ import errno
 import fcntl
 import os
 import pathlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Literal
 
 import pandas as pd
@@ -65,14 +65,33 @@ class Store:
         """Return where the policy of a run lies."""
         return self.root / "policies" / f"{run}.safetensors"
 
-    def checkpoint(self, cell: str, key: str) -> pathlib.Path:
-        """Return where the unfinished stack ``key`` of a cell such as ``hallway/ah-ch`` is kept."""
-        return self.root / ".work" / cell / f"{key}.checkpoint"
+    def checkpoint(self, cell: str, key: str, seeds: Sequence[int]) -> pathlib.Path:
+        """Return where unfinished seeds of a cell such as ``hallway/ah-ch``, stacked, are kept."""
+        stack = "-".join(map(str, seeds))
+        return self.root / ".work" / cell / f"{key}-{stack}.checkpoint"
 
-    def discard_checkpoints(self, cell: str) -> None:
-        """Remove all unfinished work of a cell."""
+    def unfinished(self, cell: str, key: str) -> list[tuple[int, ...]]:
+        """Return the stacks of seeds of a cell that have a checkpoint under ``key``."""
+        paths = sorted((self.root / ".work" / cell).glob(f"{key}-*.checkpoint"))
+        return [_stack(path) for path in paths]
+
+    def discard_checkpoints(self, cell: str, seeds: Iterable[int]) -> None:
+        """Remove all unfinished work on these seeds of a cell, under whatever key."""
         for path in (self.root / ".work" / cell).glob("*.checkpoint"):
-            path.unlink(missing_ok=True)
+            if not set(seeds).isdisjoint(_stack(path)):
+                path.unlink(missing_ok=True)
+
+    def adopt(self, kind: Kind, runs: Iterable[str], files: Mapping[str, bytes]) -> None:
+        """Take over what was stored for some runs elsewhere, by path below that store's root.
+
+        As always, a run's row comes last, and a failed attempt recorded before is forgotten.
+        """
+        rows = {self.shard(kind, run): run for run in runs}
+        paths = {self.root / name: content for name, content in files.items()}
+        for path in sorted(paths, key=lambda path: path in rows):
+            write_bytes(path, paths[path])
+            if path in rows:
+                _failed(path).unlink(missing_ok=True)
 
     def write(self, kind: Kind, run: str, table: pa.Table) -> None:
         """Store a finished shard; a failed attempt recorded before is forgotten."""
@@ -166,6 +185,10 @@ def write_parquet(path: pathlib.Path, table: pa.Table) -> None:
     sink = pa.BufferOutputStream()
     pq.write_table(table, sink, compression="zstd", write_page_checksum=True)
     write_bytes(path, sink.getvalue().to_pybytes())
+
+
+def _stack(checkpoint: pathlib.Path) -> tuple[int, ...]:
+    return tuple(int(seed) for seed in checkpoint.stem.split("-")[1:])
 
 
 def _failed(path: pathlib.Path) -> pathlib.Path:

@@ -39,10 +39,10 @@ def evaluate_policy(spec: CellSpec, tensors: Mapping[str, Tensor], seed: int) ->
         raise MissingPhysicsError("MuJoCo is not installed: `pip install mujoco`")
     # Imported here because only robot domains need MuJoCo, and only this the files of policies.
     from bgn.physics.world import evaluate_in_physics
-    from bgn.policies.saved import Policy
+    from bgn.policies.saved import NetworkPolicy
 
     domain = domains.get(spec.domain, **spec.variant)
-    policy = Policy(tensors, domain, spec.agent, spec.hyperparameters, greedy=False)
+    policy = NetworkPolicy(tensors, domain, spec.agent, spec.hyperparameters, greedy=False)
     result = evaluate_in_physics(spec.domain, policy, spec.physics_episodes, seed, **spec.variant)
     return {
         "physics_success": result["success"],

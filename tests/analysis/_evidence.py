@@ -10,7 +10,7 @@ import pandas as pd
 from bgn.analysis.cells import DomainRow, summarise
 from bgn.analysis.evidence import Evidence
 from bgn.analysis.scores import Scores
-from bgn.results.schema import HIDDEN
+from bgn.domains.episode_opening import HIDDEN
 
 STEPS = 1000
 AGENTS = {

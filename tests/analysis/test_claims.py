@@ -8,7 +8,7 @@ import pytest
 from bgn.agents.specs import AGENTS
 from bgn.analysis import claims, criteria, paper
 from bgn.analysis.criteria import Answer
-from bgn.results.schema import CLEAN, HIDDEN
+from bgn.domains.episode_opening import CLEAN, HIDDEN
 from tests.analysis._evidence import DOMAINS, STEPS, cell, curve, reference, scores
 
 NEAR = [0.0, 0.002, -0.002, 0.001, -0.001]

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from bgn.analysis.figures import across, curves, schematic, style
-from bgn.results.schema import CLEAN, HIDDEN
+from bgn.domains.episode_opening import CLEAN, HIDDEN
 from tests.analysis._evidence import AGENTS, cell, curve, reference, scores
 
 RUNS = [

@@ -24,7 +24,9 @@ def test_finished_episodes_are_counted_by_task(tmp_path: pathlib.Path) -> None:
     found = recordings.episodes(tmp_path)
     assert len(found) == 11
     # Clopper-Pearson's interval of 9 in 10.
-    assert list(recordings.success_table(found).rows) == [["monday", "twin", "top-plate", "9 of 10", "0.55 to 1.00"]]
+    assert list(recordings.success_table(found).rows) == [
+        ["monday", "twin", "top-plate", "9 of 10", "0.55 to 1.00"]
+    ]
 
 
 def test_nothing_recorded(tmp_path: pathlib.Path) -> None:

@@ -104,7 +104,8 @@ seeds = 2
 evaluation_episodes = 20
 physics_episodes = 0
 reference_episodes = 50
-planning_seconds = 1
+planning_backups = 500
+planning_seconds = 60
 env_steps = { example-tiger = 480, example-coin = 480 }
 """
 

@@ -6,9 +6,9 @@ import pytest
 
 from bgn import __main__ as command_line
 from bgn.commands import solve
-from bgn.planning import policy_file
 from bgn.planning.appl import solve_with_appl
 from bgn.planning.sarsop import PlanningError
+from bgn.policies import alpha_file
 from bgn.pomdp import reader, writer
 from tests.planning.models import guess, tiger
 
@@ -70,7 +70,7 @@ def test_solve_then_evaluate_a_file(capsys, tiger_file):
     assert result["lower"] == pytest.approx(19.371, abs=2e-3)
     assert result["gap"] == pytest.approx(result["upper"] - result["lower"])
     assert result["gap"] <= 1e-3
-    assert len(policy_file.load(out)) == result["vectors"]
+    assert len(alpha_file.load(out)) == result["vectors"]
     code, text, _ = run(capsys, "evaluate", tiger_file, out, "--episodes", 4000, "--limit", 150, "--json")
     outcome = json.loads(text)
     assert code == 0
@@ -134,7 +134,7 @@ def test_ctrl_c_saves_the_policy(capsys, monkeypatch, tmp_path):
     code, text, _ = run(capsys, "solve", "hallway", "--policy", out, "--json")
     assert code == 130
     assert json.loads(text)["stopped"] == "interrupted"
-    assert policy_file.load(out).vectors.shape[1] == 60
+    assert alpha_file.load(out).vectors.shape[1] == 60
 
 
 def test_pomdpsol_is_run_on_an_absorbing_file(monkeypatch, tmp_path):

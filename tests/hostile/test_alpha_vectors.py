@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bgn.planning.policy_file import PolicyFormatError, load
+from bgn.policies.alpha_file import PolicyFormatError, load
 from tests.effort import effort
 from tests.hostile.mutation import mutate, refusal
-from tests.planning.test_policy_file import DENSE
+from tests.policies.test_alpha_file import DENSE
 
 PIECES = [
     *(

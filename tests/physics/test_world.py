@@ -11,7 +11,8 @@ from bgn import domains
 from bgn.domains import two_bumps_1d, two_bumps_2d
 from bgn.physics.tasks import task_of
 from bgn.physics.world import PhysicsWorld, evaluate_in_physics, play
-from bgn.policies.scripted import RandomPolicy, scripted_policy
+from bgn.policies.scripted import scripted_policy
+from bgn.policies.uniform import RandomPolicy
 from tests.domains._definitions import definition
 from tests.physics._replay import compare_with_table
 

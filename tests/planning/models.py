@@ -1,8 +1,11 @@
 """Small models whose values are known."""
 
+import math
+
 import numpy as np
 from scipy import sparse
 
+from bgn.domains.domain import Domain
 from bgn.pomdp.model import MOMDP, POMDP
 
 
@@ -96,3 +99,54 @@ def corridor(n=4, discount=0.9):
         T, O, R, start=start.ravel(), discount=discount, reset=reset, actions=("left", "right", "grasp")
     )
     return MOMDP(model, X)
+
+
+def slotted_aloha(n=10, *, actions=9, arrivals=0.9, discount=0.999):
+    """Share a channel: let every backlogged station send with probability 1, 1/2, ... or 1/actions in a slot.
+
+    A state is (stations backlogged, what the last slot held: 0 nothing, 1 a message, 2 a collision); only the
+    latter is seen. A message leaves the backlog, Poisson arrivals join it, and every free place earns 1.
+    """
+    poisson = np.array([np.exp(-arrivals) * arrivals**k / math.factorial(k) for k in range(n)])
+    T = np.zeros((actions, n, 3, n, 3))
+    for a, backlog in np.ndindex(actions, n):
+        p = 1 / (a + 1)
+        idle = (1 - p) ** backlog
+        message = backlog * p * (1 - p) ** (backlog - 1) if backlog else 0.0
+        for held, chance in enumerate((idle, message, max(1 - idle - message, 0))):
+            left = max(backlog - (held == 1), 0)
+            joined = np.append(poisson[: n - 1 - left], 1 - poisson[: n - 1 - left].sum())
+            T[a, backlog, :, left:, held] = chance * joined
+    free = np.repeat(n - 1.0 - np.arange(n), 3)
+    return pomdp(
+        T.reshape(actions, 3 * n, 3 * n),
+        np.tile(np.eye(3), (actions, n, 1)),
+        np.tile(free, (actions, 1)),
+        start=np.eye(3 * n)[0],
+        discount=discount,
+    )
+
+
+def domain_of(model, limit=100):
+    """Return a domain of a bare model, whose episodes may open either way if it shows no x."""
+    mixed = model if isinstance(model, MOMDP) else MOMDP(model)
+    return Domain(
+        id="model",
+        title="Model",
+        family="classic",
+        model=mixed,
+        episode_limit=limit,
+        training_discount=mixed.joint.discount,
+        report_discount=mixed.joint.discount,
+        hidden_first_action=mixed.n_observed == 1,
+    )
+
+
+def best_action(alpha, belief):
+    """Return the action of the vector that is the best at a belief."""
+    return int(alpha.actions[(alpha.vectors @ belief).argmax()])
+
+
+def value(alpha, belief):
+    """Return what the best vector promises at a belief."""
+    return float((alpha.vectors @ belief).max())

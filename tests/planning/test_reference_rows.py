@@ -16,7 +16,7 @@ def test_every_reference_of_every_domain_gives_a_row(name):
     domain = domains.get(name)
     rows = {}
     for reference in REGISTRY.domains[name].references:
-        row = rows[reference] = evaluate_reference(reference, domain, episodes=300, seed=0, timeout=0.5)
+        row = rows[reference] = evaluate_reference(reference, domain, episodes=300, seed=0, backups=1000)
         assert row.keys() >= BASIC
         assert 0 <= row["success"] <= 1
         assert row["length"] <= domain.episode_limit
@@ -64,3 +64,20 @@ def test_what_does_not_apply_is_refused():
         evaluate_reference(
             "random", domains.get("top-plate"), episodes=10, seed=0, convention="hidden-first-action"
         )
+
+
+def test_a_solve_that_is_cut_off_says_so():
+    row = evaluate_reference("sarsop", domains.get("hallway"), episodes=10, seed=0, timeout=0.2)
+    assert row["timed_out"] == 1
+    assert row["backups"] < 10_000
+
+
+def test_a_row_is_the_same_however_long_the_solve_takes():
+    rows = []
+    for seconds in (500.0, 600.0):  # another limit, so that the solution is not the one kept in memory
+        row = evaluate_reference(
+            "sarsop", domains.get("hallway-2"), episodes=50, seed=0, backups=400, timeout=seconds
+        )
+        assert row["timed_out"] == 0
+        rows.append(row)
+    assert rows[0] == rows[1]

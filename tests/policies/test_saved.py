@@ -12,7 +12,7 @@ from bgn.agents import specs
 from bgn.agents.hyperparameters import Hyperparameters
 from bgn.agents.networks import AgentNetworks
 from bgn.agents.specs import AGENTS, AgentSpec
-from bgn.policies.saved import Policy, PolicyFileError, describe, save_policy
+from bgn.policies.saved import NetworkPolicy, PolicyFileError, describe, save_policy
 from bgn.simulation.table_world import START_VARIATES, STEP_VARIATES, TableWorld
 from tests.agents._acting import act
 
@@ -74,7 +74,7 @@ CASES += [("ab-cb", "two-bumps-2d", {}), ("ab-cb", "rocksample-4-4", {})]
 @pytest.mark.parametrize(("agent_id", "domain_id", "variant"), CASES)
 def test_a_loaded_policy_acts_as_the_networks_do(agent_id, domain_id, variant, tmp_path):
     networks = saved(tmp_path / "policy", agent_id, domain_id, **variant)
-    policy = Policy.load(tmp_path / "policy")
+    policy = NetworkPolicy.load(tmp_path / "policy")
     assert policy.belief() is None
     seen = []
     for inputs, logits, chosen in replay(networks, policy):
@@ -95,14 +95,14 @@ def test_a_loaded_policy_acts_as_the_networks_do(agent_id, domain_id, variant, t
 @pytest.mark.parametrize("agent_id", ["ah-ch", "ab-cb"])
 def test_clean_starts_have_no_first_action(agent_id, tmp_path):
     networks = saved(tmp_path / "policy", agent_id, "hallway")
-    policy = Policy.load(tmp_path / "policy")
+    policy = NetworkPolicy.load(tmp_path / "policy")
     for _, logits, chosen in replay(networks, policy, hidden_first_action=False):
         assert chosen == int(logits.argmax())
 
 
 def test_the_reconstructed_belief_is_the_grounded_heads(tmp_path):
     networks = saved(tmp_path / "policy", "ah-ch+bgn", "hallway")
-    policy = Policy.load(tmp_path / "policy")
+    policy = NetworkPolicy.load(tmp_path / "policy")
     networks.prepare()
     hidden = torch.zeros(1, 1, 256)
     for inputs, _, _ in replay(networks, policy, steps=6):
@@ -114,7 +114,7 @@ def test_the_reconstructed_belief_is_the_grounded_heads(tmp_path):
 def test_sampling_follows_the_policy_and_its_generator(tmp_path):
     networks = saved(tmp_path / "policy", "ah-ch", "hallway")
     networks.prepare()
-    policy = Policy.load(tmp_path / "policy", greedy=False)
+    policy = NetworkPolicy.load(tmp_path / "policy", greedy=False)
     drawn = []
     for seed in range(400):
         policy.reset(np.random.default_rng(seed))
@@ -135,7 +135,7 @@ def test_description(tmp_path):
     assert description["agent"] == "ah-ch"
     assert description["variant"] == {"plates": 3}
     assert description["hyperparameters"]["belief_weight"] == 0.25
-    assert Policy.load(tmp_path / "policy").domain.model.n_hidden == 3
+    assert NetworkPolicy.load(tmp_path / "policy").domain.model.n_hidden == 3
 
 
 def rewritten(path, change=lambda description: description, tensors=None):
@@ -148,19 +148,19 @@ def rewritten(path, change=lambda description: description, tensors=None):
 def test_bad_files_say_what_is_wrong(tmp_path):
     path = tmp_path / "policy"
     with pytest.raises(PolicyFileError, match="policy: no such policy file"):
-        Policy.load(path)
+        NetworkPolicy.load(path)
     with pytest.raises(PolicyFileError, match="no such policy file"):
-        Policy.load(tmp_path)
+        NetworkPolicy.load(tmp_path)
     path.write_text("not a policy")
     with pytest.raises(PolicyFileError, match="not a safetensors file"):
-        Policy.load(path)
+        NetworkPolicy.load(path)
     path.write_bytes(b"")
     with pytest.raises(PolicyFileError, match="not a safetensors file"):
-        Policy.load(path)
+        NetworkPolicy.load(path)
     for metadata in (None, {"bgn": "}"}, {"bgn": "[]"}, {"bgn": '{"format": "bgn-policy-0"}'}):
         safetensors.torch.save_file({"x": torch.zeros(1)}, path, metadata=metadata)
         with pytest.raises(PolicyFileError, match="not a policy of this project"):
-            Policy.load(path)
+            NetworkPolicy.load(path)
 
 
 def without(key):
@@ -182,7 +182,7 @@ def test_bad_descriptions_say_what_is_wrong(change, message, tmp_path):
     saved(tmp_path / "policy", "ah-ch", "hallway")
     rewritten(tmp_path / "policy", change)
     with pytest.raises(PolicyFileError, match=message):
-        Policy.load(tmp_path / "policy")
+        NetworkPolicy.load(tmp_path / "policy")
 
 
 def test_missing_and_misshapen_parameters_are_named(tmp_path):
@@ -192,13 +192,13 @@ def test_missing_and_misshapen_parameters_are_named(tmp_path):
     del tensors["actor.belief.bias"], tensors["actor.gru.recurrent.weight"]
     rewritten(path, tensors=tensors)
     with pytest.raises(PolicyFileError, match=r"lacks the parameters actor.belief.bias, actor.gru.recurrent"):
-        Policy.load(path)
+        NetworkPolicy.load(path)
     saved(path, "ah-ch", "hallway")
     tensors = safetensors.torch.load_file(path)
     tensors["actor.head.bias"] = torch.zeros(6)
     rewritten(path, tensors=tensors)
     with pytest.raises(PolicyFileError, match=r"actor.head.bias.*\(6,\): expected \(5,\)"):
-        Policy.load(path)
+        NetworkPolicy.load(path)
 
 
 def test_who_acts_on_the_state_cannot_act_on_a_history(tmp_path, monkeypatch):
@@ -207,4 +207,4 @@ def test_who_acts_on_the_state_cannot_act_on_a_history(tmp_path, monkeypatch):
     networks = AgentNetworks(seer, domains.get("hallway"), Hyperparameters(), (5,), torch.device("cpu"))
     tensors = {name: networks.parameters[name][0] for name in networks.actor_parameters()}
     with pytest.raises(PolicyFileError, match="as-cs acts on the state, which no history shows"):
-        Policy(tensors, domains.get("hallway"), "as-cs", Hyperparameters())
+        NetworkPolicy(tensors, domains.get("hallway"), "as-cs", Hyperparameters())

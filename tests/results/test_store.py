@@ -6,6 +6,7 @@ import pandas as pd
 import pyarrow as pa
 import pytest
 
+from bgn.results import store as store_module
 from bgn.results.atomic import write_atomically, write_bytes
 from bgn.results.store import Store, StoreError
 
@@ -76,11 +77,43 @@ def test_only_one_process_may_write(tmp_path: pathlib.Path) -> None:
         pass
 
 
-def test_checkpoints_of_a_cell_are_discarded_together(tmp_path: pathlib.Path) -> None:
+def test_checkpoints_are_discarded_by_seed(tmp_path: pathlib.Path) -> None:
     store = Store(tmp_path)
-    kept = store.checkpoint("hallway/ah-cs", "k")
-    for path in (store.checkpoint("hallway/ah-ch", "a"), store.checkpoint("hallway/ah-ch", "b"), kept):
+    discarded = [
+        store.checkpoint("hallway/ah-ch", "key", (0, 1)),
+        store.checkpoint("hallway/ah-ch", "older", (1, 5)),
+    ]
+    kept = [
+        store.checkpoint("hallway/ah-ch", "key", (2, 10)),
+        store.checkpoint("hallway/ah-cs", "key", (0, 1)),
+    ]
+    for path in (*discarded, *kept):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.touch()
-    store.discard_checkpoints("hallway/ah-ch")
-    assert list(tmp_path.rglob("*.checkpoint")) == [kept]
+    assert store.unfinished("hallway/ah-ch", "key") == [(0, 1), (2, 10)]
+    store.discard_checkpoints("hallway/ah-ch", (0, 1))
+    assert sorted(tmp_path.rglob("*.checkpoint")) == sorted(kept)
+    assert store.unfinished("hallway/ah-ch", "key") == [(2, 10)]
+
+
+def test_what_another_store_holds_is_adopted(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    theirs, ours = Store(tmp_path / "theirs"), Store(tmp_path / "ours")
+    theirs.write("runs", RUN, table(run=RUN, status="ok"))
+    theirs.write("curves", RUN, table(run=RUN, return_100=0.5))
+    write_bytes(theirs.policy(RUN), b"weights")
+    files = {
+        str(path.relative_to(theirs.root)): path.read_bytes()
+        for path in sorted(theirs.root.rglob("*.*"), reverse=True)
+    }
+    ours.write_failure("runs", RUN, table(run=RUN, status="failed"))
+    written: list[pathlib.Path] = []
+    write = store_module.write_bytes
+    monkeypatch.setattr(
+        store_module, "write_bytes", lambda path, content: (written.append(path), write(path, content))
+    )
+    ours.adopt("runs", [RUN], files)
+    assert len(written) == 3
+    assert written[-1] == ours.shard("runs", RUN)
+    assert ours.read("runs")["status"].tolist() == ["ok"]
+    assert ours.read("curves")["return_100"].tolist() == [0.5]
+    assert ours.policy(RUN).read_bytes() == b"weights"

@@ -14,7 +14,7 @@ from bgn.analysis import aggregate, paper
 from bgn.analysis.cells import DomainRow
 from bgn.analysis.figures import style
 from bgn.analysis.scores import UPPER, Scores
-from bgn.results.schema import CLEAN, HIDDEN
+from bgn.domains.episode_opening import CLEAN, HIDDEN
 
 FAMILIES = {"classic": "Classic domains", "robot": "Robot domains"}
 _NONE = "Nothing is stored to draw this from."

@@ -14,7 +14,7 @@ from bgn.analysis.aggregate import WINDOW, Array
 from bgn.analysis.cells import DomainRow
 from bgn.analysis.figures import style
 from bgn.analysis.scores import UPPER, Scores
-from bgn.results.schema import CLEAN
+from bgn.domains.episode_opening import CLEAN
 
 BOTTOM = -10.0
 """Of the picture of RockSample, whose untrained returns of -60 would press the rest together."""

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
-from bgn.planning.alpha_vectors import AlphaVectors
-from bgn.planning.policy_file import PolicyFormatError, load, save
+from bgn.policies.alpha_file import PolicyFormatError, load, save
+from bgn.policies.alpha_vectors import AlphaVectors
+from tests.planning.models import best_action
 
 DENSE = """<?xml version="1.0" encoding="ISO-8859-1"?>
 <Policy version="0.1" type="value" model="x.pomdpx"
@@ -38,8 +39,10 @@ def test_vectors_of_an_observed_part_and_sparse_ones(tmp_path):
         [-3, -3, -3, -3, 0, 0.5],
         [-3, -3, 10, 18.0737, -3, -3],
     ]
-    assert policy.action(np.array([0, 0, 0.5, 0.5, 0, 0])) == 2
-    assert policy.action(np.array([0, 1, 0, 0, 0, 0])) == 1  # though the others' entries are not far below
+    assert best_action(policy, np.array([0, 0, 0.5, 0.5, 0, 0])) == 2
+    assert (
+        best_action(policy, np.array([0, 1, 0, 0, 0, 0])) == 1
+    )  # though the others' entries are not far below
 
 
 @pytest.mark.parametrize(

@@ -2,24 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from bgn.domains.episode_opening import CLEAN, EpisodeOpening
 from bgn.errors import InputError
-from bgn.planning.alpha_vectors import AlphaVectors
 from bgn.planning.bounds import fast_informed, mdp_values
-from bgn.planning.compiled import CompiledModel
-from bgn.pomdp.model import POMDP, Floats
-
-
-@dataclass(frozen=True)
-class UniformRandom:
-    """Takes every action with the same probability, whatever it sees."""
-
-
-Policy = AlphaVectors | UniformRandom
-"""Everything the benchmark plans with is one of these two; a fixed action is a single alpha vector."""
+from bgn.planning.compiled import CompiledModel, compile_model
+from bgn.planning.episodic import start_beliefs
+from bgn.policies.alpha_vectors import AlphaVectors
+from bgn.pomdp.model import MOMDP, POMDP, Floats
 
 
 def always(model: POMDP, action: str) -> AlphaVectors:
@@ -27,7 +18,7 @@ def always(model: POMDP, action: str) -> AlphaVectors:
 
     Raises
     ------
-    ValueError
+    InputError
         The model has no action of that name.
     """
     if action not in model.action_names:
@@ -36,18 +27,20 @@ def always(model: POMDP, action: str) -> AlphaVectors:
     return AlphaVectors(vectors=np.zeros((1, model.n_states)), actions=np.array([index]))
 
 
-def qmdp(model: POMDP, compiled: CompiledModel) -> AlphaVectors:
+def qmdp(model: MOMDP, convention: EpisodeOpening = CLEAN) -> AlphaVectors:
     """Return the policy that acts as if the state were seen from the next step on (Littman et al. 1995)."""
-    return _one_each(model, compiled, mdp_values(compiled))
+    compiled = compile_model(model.joint, start_beliefs(model, convention))
+    return _vector_per_action(model.joint, compiled, mdp_values(compiled))
 
 
-def informed(model: POMDP, compiled: CompiledModel) -> AlphaVectors:
+def informed(model: MOMDP, convention: EpisodeOpening = CLEAN) -> AlphaVectors:
     """Return the greedy policy of the fast informed bound (Hauskrecht 2000)."""
-    return _one_each(model, compiled, fast_informed(compiled))
+    compiled = compile_model(model.joint, start_beliefs(model, convention))
+    return _vector_per_action(model.joint, compiled, fast_informed(compiled))
 
 
-def _one_each(model: POMDP, compiled: CompiledModel, q: Floats) -> AlphaVectors:
-    """Spread one vector an action, shape (A, L), over the original states; dropped ones are worth 0."""
+def _vector_per_action(model: POMDP, compiled: CompiledModel, q: Floats) -> AlphaVectors:
+    """Spread a vector per action, shape (A, L), over the original states; dropped ones are worth 0."""
     vectors = np.zeros((model.n_actions, model.n_states))
     vectors[:, compiled.states] = q
     return AlphaVectors(vectors=vectors, actions=np.arange(model.n_actions))

@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from bgn.errors import BgnError
-from bgn.planning.alpha_vectors import AlphaVectors
+from bgn.policies.alpha_vectors import AlphaVectors
 from bgn.pomdp.model import Floats
 
 #: Most numbers of all vectors together, beside those that the file itself has room for.
@@ -46,6 +46,19 @@ def save(policy: AlphaVectors, path: str | os.PathLike[str], *, model: str = "")
     ElementTree.ElementTree(root).write(path, encoding="ISO-8859-1", xml_declaration=True)
 
 
+def model_name(path: str | os.PathLike[str]) -> str:
+    """Return the name of the model that a policy says it is for.
+
+    Raises
+    ------
+    PolicyFormatError
+        The file is not a policy of alpha vectors.
+    OSError
+        It cannot be read.
+    """
+    return _root(path).get("model", "")
+
+
 def load(path: str | os.PathLike[str]) -> AlphaVectors:
     """Read a policy.
 
@@ -59,13 +72,8 @@ def load(path: str | os.PathLike[str]) -> AlphaVectors:
     OSError
         It cannot be read.
     """
-    try:
-        root = ElementTree.parse(path).getroot()
-    except (ElementTree.ParseError, LookupError, ValueError) as error:  # the latter two: of its encoding
-        raise PolicyFormatError(f"{path}: not XML: {error}") from None
-    pool = root.find("AlphaVector")
-    if root.tag != "Policy" or pool is None:
-        raise PolicyFormatError(f"{path}: expected <Policy> with an <AlphaVector> inside, found <{root.tag}>")
+    pool = _root(path).find("AlphaVector")
+    assert pool is not None
     length, n_observed = (_count(path, pool, name) for name in ("vectorLength", "numObsValue"))
     elements = [element for element in pool if element.tag in ("Vector", "SparseVector")]
     declared = _count(path, pool, "numVectors")
@@ -80,6 +88,16 @@ def load(path: str | os.PathLike[str]) -> AlphaVectors:
     vectors[np.arange(len(elements)), x] = parts
     actions = [_index(path, row, element, "action", None) for row, element in enumerate(elements)]
     return AlphaVectors(vectors=vectors.reshape(len(elements), -1), actions=np.array(actions, dtype=np.int64))
+
+
+def _root(path: str | os.PathLike[str]) -> ElementTree.Element:
+    try:
+        root = ElementTree.parse(path).getroot()
+    except (ElementTree.ParseError, LookupError, ValueError) as error:  # the latter two: of its encoding
+        raise PolicyFormatError(f"{path}: not XML: {error}") from None
+    if root.tag != "Policy" or root.find("AlphaVector") is None:
+        raise PolicyFormatError(f"{path}: expected <Policy> with an <AlphaVector> inside, found <{root.tag}>")
+    return root
 
 
 def _count(path: str | os.PathLike[str], pool: ElementTree.Element, name: str) -> int:
