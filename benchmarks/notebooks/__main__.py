@@ -103,7 +103,7 @@ def _execute_all(names: Sequence[str]) -> tuple[dict[str, Any], bool]:
             executed[name] = execute(FOLDER / f"{name}.py")
             print(f"executed {name}", flush=True)
         except CellExecutionError as error:
-            print(f"error: {name}: {error}", file=sys.stderr)
+            print(f"error: {name}: {error.ename}: {error.evalue}", file=sys.stderr)
             failed = True
     return executed, failed
 
