@@ -166,7 +166,8 @@ SECONDS = 2.0
 
 MEASURE = """
 import resource, sys, time
-from bgn.pomdp.errors import PomdpFormatError; from bgn.pomdp.reader import loads
+from bgn.pomdp.errors import PomdpFormatError
+from bgn.pomdp.reader import loads
 from bgn.pomdp.reader import _parser
 from tests.hostile.test_pomdp_files import WORST
 _parser()
