@@ -315,7 +315,7 @@ HARMLESS_EDITS = [
     ("bgn/environments/registration.py", '"bgn/', '"bgn-'),
     ("bgn/analysis/tables.py", "_CI = 1.96", "_CI = 2.0"),
     ("bgn/analysis/paper.py", ANNOTATIONS, f"{ANNOTATIONS}X = 1\n"),
-    ("bgn/analysis/figures.py", ANNOTATIONS, f"{ANNOTATIONS}print(1)\n"),
+    ("bgn/analysis/figures/curves.py", ANNOTATIONS, f"{ANNOTATIONS}print(1)\n"),
     ("bgn/pictures/maps.py", ANNOTATIONS, f"{ANNOTATIONS}print(1)\n"),
     ("bgn/results/store.py", '"zstd"', '"snappy"'),
     ("bgn/results/schema.py", '"env_steps",', '"env_steps", "more",'),
