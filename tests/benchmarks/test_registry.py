@@ -79,7 +79,7 @@ def test_a_preset_takes_over_what_it_does_not_say() -> None:
 
 def test_cell_joins_budget_and_preset() -> None:
     spec = REGISTRY.cell("top-plate", "ab-cb", budget="paper", preset="paper-text")
-    assert (spec.env_steps, spec.evaluation_episodes, spec.physics_episodes) == (200_000, 1000, 200)
+    assert (spec.env_steps, spec.evaluation_episodes, spec.physics_episodes) == (1_000_000, 1000, 200)
     assert not spec.hyperparameters.shared_recurrence
     assert REGISTRY.cell("hallway", "ab-cb", budget="paper", preset="paper-text").physics_episodes == 0
 
