@@ -13,7 +13,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bgn.pomdp import POMDP, PomdpFormatError, load, loads
+from bgn.pomdp.errors import PomdpFormatError
+from bgn.pomdp.model import POMDP
+from bgn.pomdp.reader import load, loads
 from tests.effort import effort
 from tests.hostile.mutation import mutate
 
@@ -164,8 +166,8 @@ SECONDS = 2.0
 
 MEASURE = """
 import resource, sys, time
-from bgn.pomdp import loads, PomdpFormatError
-from bgn.pomdp.reader import _parser
+from bgn.pomdp.errors import PomdpFormatError
+from bgn.pomdp.reader import _parser, loads
 from tests.hostile.test_pomdp_files import WORST
 _parser()
 text = WORST[sys.argv[1]]()
