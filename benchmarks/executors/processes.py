@@ -125,13 +125,12 @@ class Worker:
         record_failure(self.task, failure)
         return Finished(self.task, failure)
 
-    def ask_tostop(self) -> None:
+    def ask_to_stop(self) -> None:
         """Ask the process to end: at its next report of progress, after writing a checkpoint."""
         with contextlib.suppress(OSError):
             self.connection.send(None)
-        if isinstance(
-            self.task, PhysicsTask | ReferenceTask
-        ):  # it reports nothing, and would have nothing to keep
+        # These report nothing, and would have nothing to keep.
+        if isinstance(self.task, PhysicsTask | ReferenceTask):
             self.process.kill()
 
     def end(self, deadline: float) -> None:
@@ -151,7 +150,7 @@ def stop(workers: Sequence[Worker]) -> None:
     """End all workers together: asked first, then, or when this is interrupted in turn, at once."""
     try:
         for worker in workers:
-            worker.ask_tostop()
+            worker.ask_to_stop()
         deadline = time.monotonic() + _GRACE_SECONDS
         for worker in workers:
             worker.end(deadline)

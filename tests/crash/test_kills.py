@@ -68,7 +68,7 @@ def disturb(process: subprocess.Popen[str], rng: random.Random, seconds: float) 
     """Kill a worker or two, then the parent, at random moments; return how many died of it."""
     kills = 0
     began = time.monotonic()
-    moments = sorted(rng.uniform(0.0, seconds) for _ in range(rng.choice((1, 2, 3))))
+    moments = sorted(rng.uniform(0.0, seconds) for _ in range(rng.choice((2, 3, 3))))
     for moment in moments[:-1]:
         time.sleep(max(0.0, moment - (time.monotonic() - began)))
         workers = children(process.pid)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
+import io
 import os
 import pathlib
 import shutil
@@ -78,11 +80,16 @@ def test_the_command(
     tiny_registry = tiny.tiny_registry()
     monkeypatch.setattr(registry, "load", lambda *_: tiny_registry)
     first, again = tmp_path / "first", tmp_path / "again"
-    assert main(tiny.arguments(first), work=tiny.WORK) == 0
+
+    def run(results: pathlib.Path) -> None:
+        with contextlib.redirect_stdout(io.StringIO()):
+            assert main(tiny.arguments(results), work=tiny.WORK) == 0
+
+    run(first)
 
     def work() -> None:
         shutil.rmtree(again, ignore_errors=True)
-        assert main(tiny.arguments(again), work=tiny.WORK) == 0
+        run(again)
         assert_same_results(tiny.store_of(again), tiny.store_of(first))
 
     seen = list(soak(work, request.config.getoption("--soak") / 2))

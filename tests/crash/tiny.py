@@ -27,7 +27,7 @@ def tiny_registry() -> Registry:
     shipped = registry.load()
     budget = shipped.budgets[BUDGET].model_copy(
         update={
-            "env_steps": dict.fromkeys(shipped.domains, 6000),
+            "env_steps": dict.fromkeys(shipped.domains, 4000),
             "evaluation_episodes": 50,
             "reference_episodes": 50,
             "planning_backups": 200,

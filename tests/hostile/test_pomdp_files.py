@@ -167,8 +167,7 @@ SECONDS = 2.0
 MEASURE = """
 import resource, sys, time
 from bgn.pomdp.errors import PomdpFormatError
-from bgn.pomdp.reader import loads
-from bgn.pomdp.reader import _parser
+from bgn.pomdp.reader import _parser, loads
 from tests.hostile.test_pomdp_files import WORST
 _parser()
 text = WORST[sys.argv[1]]()
