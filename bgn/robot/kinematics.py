@@ -7,6 +7,7 @@ and differs from them by 1 to 2 mm, which the controller knows and we do not.
 
 from __future__ import annotations
 
+import itertools
 from typing import Any, Final
 
 import numpy as np
@@ -23,7 +24,8 @@ MASSES: Final = (3.761, 8.058, 2.846, 1.37, 1.3, 0.365)
 TORQUES: Final = (150.0, 150.0, 150.0, 28.0, 28.0, 28.0)
 JOINT_LIMIT: Final = 2 * np.pi
 JOINT_SPEED_LIMIT: Final = np.pi
-BRANCHES: Final = 8
+#: Of the eight branches: shoulder (left, right), wrist 2 (positive, negative), elbow (positive, negative).
+SIGNS: Final = tuple(itertools.product((1, -1), repeat=3))
 SINGULAR: Final = 1e-9  # sine of wrist 2 below which wrist 3 is not determined
 
 
@@ -54,14 +56,11 @@ def link(i: int, angle: ArrayLike) -> Floats:
 def inverse(transform: ArrayLike) -> Floats:
     """Return all joint solutions (..., 8, 6) of flange transforms (..., 4, 4), within ±pi; NaN where there is none.
 
-    The branches are ordered by shoulder (left, right), wrist 2 (positive, negative), elbow (positive, negative).
-    At a singular wrist (sin of wrist 2 is 0) a branch has no unique solution and is NaN.
+    The branches are in the order of ``SIGNS``. At a singular wrist (sin of wrist 2 is 0) a branch has no unique solution and is NaN.
     """
     T = np.asarray(transform, dtype=np.float64)
     with np.errstate(invalid="ignore", divide="ignore"):
-        solutions = [
-            _branch(T, shoulder, wrist, elbow) for shoulder in (1, -1) for wrist in (1, -1) for elbow in (1, -1)
-        ]
+        solutions = [_branch(T, *signs) for signs in SIGNS]
     joints = np.stack(solutions, axis=-2)
     joints[np.isnan(joints).any(axis=-1)] = np.nan
     return (joints + np.pi) % (2 * np.pi) - np.pi
@@ -106,9 +105,9 @@ def follow(transforms: ArrayLike, near: ArrayLike) -> Floats | None:
     start = nearest(path[0], near)
     if start is None:
         return None
-    solutions = inverse(path)  # (n, 8, 6)
-    gaps = np.abs((solutions[0] - start + np.pi) % (2 * np.pi) - np.pi).max(axis=1)
-    branch = solutions[:, int(np.nanargmin(gaps))]
+    gaps = np.abs((inverse(path[0]) - start + np.pi) % (2 * np.pi) - np.pi).max(axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        branch = _branch(path, *SIGNS[int(np.nanargmin(gaps))])
     if np.isnan(branch).any():
         return None
     joints: Floats = np.unwrap(branch, axis=0)

@@ -149,6 +149,11 @@ class Plant:
         """Hold the present target at once."""
         self._path, self._row, self._extend = self._path[:0], 0, None
 
+    def cut(self, fraction: float) -> None:
+        """Let the present path end early, after that fraction of what is left of it."""
+        left = self._path[self._row :]
+        self._path, self._row = left[: round(fraction * len(left))], 0
+
     def advance(self, steps: int) -> None:
         """Let simulated time pass."""
         left = steps
