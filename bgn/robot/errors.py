@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from bgn.errors import BgnError
 
-class RobotError(RuntimeError):
+
+class RobotError(BgnError):
     """Base of everything that ends or interrupts an evaluation; the message says what happened and what to do."""
 
     exit_code: ClassVar[int] = 20

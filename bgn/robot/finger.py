@@ -11,7 +11,7 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from bgn.domains.physics.scene import Outcome
+from bgn.physics.scene import Outcome
 from bgn.robot.errors import BaselineError, MotionError
 from bgn.robot.kinematics import Floats
 from bgn.robot.lab import Lab

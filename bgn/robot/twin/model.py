@@ -13,8 +13,8 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from bgn.domains.physics import top_plate, two_bumps_1d, two_bumps_2d
-from bgn.domains.physics.scene import FINGER_LENGTH, HERE
+from bgn.physics import top_plate, two_bumps_1d, two_bumps_2d
+from bgn.physics.scene import FINGER_LENGTH, HERE
 from bgn.robot import kinematics
 from bgn.robot.errors import UsageError
 from bgn.robot.kinematics import Floats

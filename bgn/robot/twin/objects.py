@@ -9,9 +9,9 @@ import numpy as np
 
 from bgn.domains import two_bumps_1d as bumps_1d
 from bgn.domains import two_bumps_2d as bumps_2d
-from bgn.domains.physics import top_plate as plates_scene
-from bgn.domains.physics import two_bumps_1d as scene_1d
-from bgn.domains.physics import two_bumps_2d as scene_2d
+from bgn.physics import top_plate as plates_scene
+from bgn.physics import two_bumps_1d as scene_1d
+from bgn.physics import two_bumps_2d as scene_2d
 from bgn.robot.kinematics import Floats
 
 

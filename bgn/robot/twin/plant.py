@@ -9,7 +9,7 @@ from typing import Final
 import mujoco
 import numpy as np
 
-from bgn.domains.physics.scene import FINGER_INERTIA, TIMESTEP
+from bgn.physics.scene import FINGER_INERTIA, TIMESTEP
 from bgn.robot import kinematics, paths
 from bgn.robot.kinematics import Floats
 from bgn.robot.lab import Lab
