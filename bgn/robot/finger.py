@@ -104,13 +104,8 @@ class ArmFinger:
         self.withdraw()
         start = self.coordinates(cell)
         self.arm.move_line(self.station.pose(start, retreat=True), self.speed)
-        self._cell = start
         self._place(hidden)
-        self.arm.settle(self.lab.arm.settle)
-        self.arm.zero_force()
-        self.baseline = self.measure_baseline()
-        self._soften()
-        self.arm.move_line(self.station.pose(start), self.speed)
+        self.begin_at(start)
         self.hidden = hidden
         self.outcome = Outcome(reading=cell * self._bins + self._bins // 2, angle=0.0)
         return self.outcome
@@ -118,6 +113,8 @@ class ArmFinger:
     def act(self, action: int) -> Outcome:
         """Move one cell; a move out of range is refused and leaves everything as it is."""
         move = MOVES[self.task][action]
+        if not self._cell:
+            raise MotionError("the finger is in no cell; an episode begins with reset")
         goal = list(self._cell)
         goal[move.axis] += move.direction
         if not 0 <= goal[move.axis] < self.station.shape[move.axis]:
@@ -126,15 +123,29 @@ class ArmFinger:
             self._stiffen(move.axis)
         else:
             self._soften()
-        self.arm.move_line(self.station.pose(tuple(goal)), self.speed)
-        self.arm.settle(self.lab.arm.settle)
-        self._cell = tuple(goal)
-        self._check_cell()
-        angle = self._angle(move.axis)
+        angle = self.step_to(tuple(goal), move.axis)
         reading = self._number(self._cell) * self._bins + int(np.searchsorted(self.station.angle_edges, angle))
         pushed = self._pushed() if move.stiff else 0
         self.outcome = Outcome(reading, angle, pushed)
         return self.outcome
+
+    def begin_at(self, start: tuple[int, ...]) -> None:
+        """In free air beside a cell: zero the force, read the baseline; then bring the soft finger into the cell."""
+        self.arm.move_line(self.station.pose(start, retreat=True), self.speed)
+        self.arm.settle(self.lab.arm.settle)
+        self.arm.zero_force()
+        self.baseline = self.measure_baseline()
+        self._soften()
+        self.arm.move_line(self.station.pose(start), self.speed)
+        self._cell = start
+
+    def step_to(self, cell: tuple[int, ...], axis: int) -> float:
+        """Move to a neighbouring cell along an axis, settle, and return the angle along it."""
+        self.arm.move_line(self.station.pose(cell), self.speed)
+        self.arm.settle(self.lab.arm.settle)
+        self._cell = cell
+        self._check_cell()
+        return self._angle(axis)
 
     def grasp(self) -> None:
         """Close both fingers gently where they are, then let go; the task has judged the grasp already."""
@@ -147,6 +158,11 @@ class ArmFinger:
         """Bring the finger from where it is to where nothing is in its way."""
         if self._cell:
             self.arm.move_line(self.station.pose(self._cell, retreat=True), self.speed)
+        self.forget_cell()
+
+    def forget_cell(self) -> None:
+        """Note that the finger is in no cell."""
+        self._cell = ()
 
     def rest(self) -> None:
         """Make the finger soft, wherever it is."""

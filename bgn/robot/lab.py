@@ -86,6 +86,7 @@ class Station(_Section):
     pitch: Positive
     orientation: Vector3
     near: Vector6
+    window: Positive
     retreat: Vector3
     workspace: tuple[Vector3, Vector3]
     fingers: tuple[Annotated[int, Field(ge=0, le=1)], ...]

@@ -32,7 +32,7 @@ from bgn.robot.errors import (
     RobotError,
 )
 from bgn.robot.kinematics import Floats
-from bgn.robot.lab import Lab
+from bgn.robot.lab import Lab, Station
 from bgn.robot.worker import COLUMNS, EMERGENCY, PROTECTIVE, Row, Settings
 from bgn.robot.worker import main as worker_main
 
@@ -122,6 +122,8 @@ class UR5e:
         self.lab, self.host, self._folder = lab, host, folder
         self.abort = abort or Abort()
         self.log: Log = NoLog()
+        self.station: Station | None = None
+        """Whose workspace and joint windows every straight line must keep to."""
         self.description: dict[str, Any] = {}
         self.meanwhile = meanwhile
         self._process: Any = None
@@ -210,6 +212,10 @@ class UR5e:
         self._look(0.0)
         return np.array(self._latest[_JOINTS : _JOINTS + 6])
 
+    def playing(self) -> bool:
+        """Whether the worker lives and the control program runs."""
+        return self._process is not None and bool(self._latest) and self._latest[_RUNTIME] == PLAYING
+
     def idle(self, seconds: float) -> None:
         """Wait, supervising all the while."""
         due = time.monotonic() + seconds
@@ -248,12 +254,25 @@ class UR5e:
         path = paths.line(kinematics.forward(self.joints()), goal, self.joints(), speed, arm.acceleration, 0.05)
         if path is None or not kinematics.within_limits(path):
             raise MotionError(f"the straight line to {np.round(pose[:3], 3)} leaves what the arm can reach")
+        self._check_windows(pose, path)
         if not self._call("pose_is_safe", [float(value) for value in pose]):
             raise MotionError(f"the controller's safety limits do not allow the pose {np.round(pose, 3)}")
         distance = float(np.linalg.norm(pose[:3] - self.pose()[:3]))
         self.log.event("move_line", f"{np.round(pose, 5).tolist()} at {speed} m/s")
         self._supervise("move_line", [float(value) for value in pose], speed, arm.acceleration, distance / speed)
         self._verify(pose)
+
+    def _check_windows(self, pose: Floats, path: Floats) -> None:
+        if self.station is None:
+            return
+        if not self.station.contains(pose[:3]):
+            raise MotionError(f"the target {np.round(pose[:3], 3)} is outside the workspace {self.station.workspace}")
+        away = np.abs(path - np.array(self.station.near)).max(axis=0)
+        if away.max() > self.station.window:
+            raise MotionError(
+                f"joint {int(away.argmax())} would turn {away.max():.2f} rad from its middle, the window is "
+                f"{self.station.window} rad"
+            )
 
     def move_joints(self, joints: Floats) -> None:
         """Move straight in joint space to joint angles (6,); raises as :meth:`move_line` does."""

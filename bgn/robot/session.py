@@ -1,0 +1,432 @@
+"""One evaluation at the robot: from preflight to the table of successes, with everything that can come between.
+
+preflight -> confirmation -> per task: bench, station, first lap -> per episode: objects, start, steps, outcome.
+An interruption marks the episode, stops the arm, makes the finger soft, and asks the operator; nothing resumes by
+itself.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+
+from bgn import domains
+from bgn.domains.domain import Domain
+from bgn.physics.tasks import draw_start
+from bgn.policies.saved import Policy
+from bgn.robot import kinematics, preflight
+from bgn.robot.dashboard import Dashboard
+from bgn.robot.environment import ArmEnvironment
+from bgn.robot.errors import (
+    AbortedError,
+    ConnectionLostError,
+    EmergencyStopError,
+    MotionError,
+    PreflightError,
+    ProtectiveStopError,
+    RefusedError,
+    RobotError,
+    UsageError,
+)
+from bgn.robot.finger import ArmFinger
+from bgn.robot.gripper import RddaGripper
+from bgn.robot.lab import Lab
+from bgn.robot.network import is_loopback
+from bgn.robot.operators import Operator
+from bgn.robot.recording import Recording, SessionFolder, Start
+from bgn.robot.statistics import clopper_pearson
+from bgn.robot.ur5e import Abort, UR5e
+from bgn.robot.worker import Row
+
+NEAR_STATION: Final = 0.8  # rad a joint may be from a station's middle before the arm drives there by itself
+RETRY: Final = {"retry": "begin this episode again", "stop": "end the session"}
+
+
+@dataclass(frozen=True)
+class Entrant:
+    """A policy to be evaluated."""
+
+    domain: Domain
+    policy: Policy
+    path: Path
+    digest: str
+    """SHA-256 of its file."""
+
+
+def enter(task: str, path: Path) -> Entrant:
+    """Load a policy for a task.
+
+    Raises
+    ------
+    UsageError
+        It is a policy of another task, or one that acts on the belief, which is never computed on a robot.
+    """
+    policy = Policy.load(path)
+    if policy.domain.id != task:
+        raise UsageError(f"{path} is a policy of {policy.domain.id}, not of {task}")
+    if policy.spec.actor != "history":
+        raise UsageError(f"{path} acts on the {policy.spec.actor}; on a robot only a policy of the history can act")
+    return Entrant(policy.domain, policy, path, hashlib.sha256(path.read_bytes()).hexdigest())
+
+
+def plan(tasks: Sequence[str], episodes: int, seed: int) -> list[Start]:
+    """Draw the starts of all episodes from the domains' start distributions."""
+    starts = []
+    for task in tasks:
+        domain, rng = domains.get(task), np.random.default_rng(seed)
+        starts += [Start(task, number, *draw_start(domain, rng)) for number in range(episodes)]
+    return starts
+
+
+class _Logs:
+    """Passes what arm and gripper report on to the recording of the moment."""
+
+    def __init__(self) -> None:
+        self.recording: Recording | None = None
+
+    def samples(self, rows: Sequence[Row]) -> None:
+        if self.recording is not None:
+            self.recording.samples(rows)
+
+    def event(self, kind: str, text: str) -> None:
+        if self.recording is not None:
+            self.recording.event(kind, text)
+
+    def angles(self, pair: tuple[float, float]) -> None:
+        if self.recording is not None:
+            self.recording.angles(pair)
+
+
+class Session:
+    """One evaluation.
+
+    Parameters
+    ----------
+    lab, host, gripper_host
+        The laboratory and its addresses, which the caller has checked.
+    entrants
+        The policies by task.
+    starts
+        The episodes.
+    folder
+        Where everything is recorded.
+    operator, abort
+        The person at the robot, and whether they pressed Ctrl-C.
+    speed
+        Of the episodes' moves, m/s.
+    """
+
+    def __init__(
+        self,
+        lab: Lab,
+        host: str,
+        gripper_host: str,
+        entrants: dict[str, Entrant],
+        starts: Sequence[Start],
+        folder: SessionFolder,
+        operator: Operator,
+        abort: Abort,
+        speed: float,
+    ) -> None:
+        self.lab, self.host, self.entrants, self.starts = lab, host, entrants, starts
+        self.folder, self.operator, self.abort, self.speed = folder, operator, abort, speed
+        self.serial = ""
+        self.version: tuple[int, ...] = ()
+        self._logs = _Logs()
+        self._gripper = RddaGripper(gripper_host, lab.gripper, self._logs.angles)
+        self._arm = UR5e(lab, host, folder.path, abort, self._gripper.poll)
+        self._arm.log = self._logs
+        self._finger: ArmFinger | None = None
+
+    # -- the whole ------------------------------------------------------------------------------------------
+
+    def run(self, *, lap: bool = True) -> pd.DataFrame:
+        """Run everything that is not finished yet and return the summary.
+
+        Raises
+        ------
+        RobotError
+            What ended the session; everything recorded so far is kept and a summary of it is written.
+        """
+        self.abort.install()
+        try:
+            self.preflight()
+            self._confirm()
+            finished = self.folder.finished()
+            for task in dict.fromkeys(start.task for start in self.starts):
+                left = [start for start in self.starts if start.task == task and (task, start.number) not in finished]
+                if left:
+                    self._run_task(task, left, lap=lap)
+        finally:
+            self._leave()
+            table = self.summary()
+            if len(table):
+                self.folder.save_summary(table)
+            self.abort.remove()
+        return table
+
+    def preflight(self) -> str:
+        """Ask robot and gripper whether they are ready; nothing moves and nothing is uploaded. Return the serial.
+
+        Raises
+        ------
+        PreflightError
+            Something is not as it should be.
+        """
+        dashboard = Dashboard(self.host)
+        try:
+            self.version = dashboard.version()
+            self.serial, checks = preflight.check_dashboard(self.lab, dashboard)
+        finally:
+            dashboard.close()
+        self.operator.tell(preflight.insist(checks))
+        self.operator.tell(preflight.insist(preflight.check_gripper(self.lab, self._gripper)))
+        return self.serial
+
+    def close(self) -> None:
+        """Give the gripper's port back."""
+        self._gripper.close()
+
+    def _confirm(self) -> None:
+        digests = "+".join(entrant.digest[:8] for entrant in self.entrants.values())
+        self.operator.confirm(
+            f"{len(self.starts)} episodes at {self.speed} m/s on robot {self.serial}, policies {digests}. The safety "
+            "system is the one set at the pendant; this program is not one. Keep a hand at the emergency stop.",
+            f"{self.serial} {digests} {self.speed}",
+        )
+
+    def _leave(self) -> None:
+        """Leave nothing moving and nothing stiff, whatever has happened."""
+        if self._finger is not None:
+            with contextlib.suppress(RobotError):
+                self._finger.rest()
+        self._arm.close()
+
+    # -- one task -------------------------------------------------------------------------------------------
+
+    def _run_task(self, task: str, starts: Sequence[Start], *, lap: bool) -> None:
+        station = self.lab.station(task)
+        self.operator.change_task(
+            task, f"{task}: set up its bench, bring the arm before it (joints near {np.round(station.near, 1)})"
+        )
+        self._arm.station = None
+        self._connect()
+        self._finger = ArmFinger(
+            self.lab, task, self._arm, self._gripper, lambda hidden: self._place(task, hidden), self._pushed
+        )
+        if lap:
+            self._lap(task)
+        for start in starts:
+            self._run_episode(start)
+
+    def _connect(self) -> None:
+        self._arm.connect()
+        self.operator.tell(preflight.insist(preflight.check_connection(self.lab, self._arm.description)))
+
+    def _lap(self, task: str) -> None:
+        """Go slowly through all cells of an empty bench; the finger must feel nothing."""
+        assert self._finger is not None
+        finger, station = self._finger, self.lab.station(task)
+        recording = self.folder.begin(f"{task}-lap", {"kind": "lap", "task": task})
+        with self._recorded(recording):
+            self.operator.place(task, None, f"{task}: take all objects away for a slow first lap")
+            self._approach(task)
+            finger.speed = self.lab.arm.first_lap_speed
+            tour = preflight.lap(station)
+            first = tour[0]
+            finger.begin_at(first)
+            for before, cell in zip(tour, tour[1:], strict=False):
+                axis = int(np.flatnonzero(np.subtract(cell, before))[0])
+                angle = finger.step_to(cell, axis)
+                recording.step(cell=str(cell), angle=angle)
+                if int(np.searchsorted(station.angle_edges, angle)) != len(station.angle_edges) // 2:
+                    raise MotionError(f"first lap: the finger is bent by {angle:.3f} rad at cell {cell} of an empty bench")
+            finger.withdraw()
+            recording.finish("done")
+        finger.speed = self.speed
+
+    def _approach(self, task: str) -> None:
+        """Drive to the middle of a station; only from nearby."""
+        station = self.lab.station(task)
+        middle = tuple((size - 1) // 2 for size in station.shape)
+        goal = kinematics.nearest(self.lab.flange(station.pose(middle, retreat=True)), station.near)
+        assert goal is not None  # the plan was checked
+        away = np.abs(self._arm.joints() - goal).max()
+        if away > station.window + NEAR_STATION:
+            raise MotionError(
+                f"{task}: a joint is {away:.2f} rad from the station; bring the arm near {np.round(goal, 2)} by hand first"
+            )
+        self._arm.move_joints(goal)
+        self._arm.station = station
+
+    # -- one episode ----------------------------------------------------------------------------------------
+
+    def _run_episode(self, start: Start) -> None:
+        """Play an episode to its end, beginning it again as often as the operator says."""
+        while True:
+            about = {"kind": "episode", "task": start.task, "number": start.number, "x": start.x, "y": start.y}
+            recording = self.folder.begin(start.name, about)
+            try:
+                with self._recorded(recording):
+                    self._play(start, recording)
+                return
+            except (AbortedError, RefusedError, EmergencyStopError, PreflightError, UsageError):
+                raise
+            except RobotError as error:
+                self._recover(error, start)
+
+    def _play(self, start: Start, recording: Recording) -> None:
+        assert self._finger is not None
+        entrant = self.entrants[start.task]
+        if self._arm.station is None:
+            self._approach(start.task)
+        self._finger.speed = self.speed
+        environment = ArmEnvironment(entrant.domain, self._finger)
+        entrant.policy.reset()
+        observation, information = environment.reset(options={"start": (start.x, start.y)})
+        action: int | None = None
+        ended = truncated = success = False
+        step = 0
+        self._keep(recording, step, None, observation, information)
+        while not (ended or truncated):
+            action = entrant.policy.act(int(observation), action)
+            before = time.monotonic()
+            observation, reward, ended, truncated, information = environment.step(np.int64(action))
+            step, success = step + 1, reward == 1
+            self._keep(recording, step, action, observation, information, seconds=time.monotonic() - before)
+        outcome = "success" if success else "failure" if ended else "out-of-time"
+        recording.finish(outcome, steps=step, baseline=list(self._finger.baseline), speed=self.speed)
+        self.operator.tell(f"{start.name}: {outcome} after {step} steps")
+
+    def _keep(
+        self, recording: Recording, step: int, action: int | None, seen: Any, information: dict[str, Any], **more: float
+    ) -> None:
+        hinge = self._arm.pose()
+        recording.step(
+            step=step,
+            action=-1 if action is None else action,
+            observation=int(seen),
+            observed=int(information["observed"]),
+            angle=float(information["angle"]),
+            wall=time.monotonic(),
+            seconds=more.get("seconds", 0.0),
+            **dict(zip("xyz", map(float, hinge[:3]), strict=True)),
+        )
+
+    @contextlib.contextmanager
+    def _recorded(self, recording: Recording) -> Iterator[None]:
+        """Record what arm and gripper report; mark the recording with whatever interrupts it."""
+        self._logs.recording = recording
+        try:
+            yield
+        except RobotError as error:
+            self._calm()
+            recording.finish(error.outcome, str(error))
+            raise
+        finally:
+            self._logs.recording = None
+
+    def _calm(self) -> None:
+        """After an interruption: the finger is made soft, as far as it can be told."""
+        if self._finger is not None:
+            try:
+                self._finger.rest()
+            except RobotError as error:
+                self._logs.event("gripper", f"not made soft: {error}")
+
+    def _recover(self, error: RobotError, start: Start) -> None:
+        """Ask the operator, bring everything back, and withdraw the finger; or end the session."""
+        self.operator.tell(f"{start.name} interrupted: {error}")
+        if isinstance(error, ProtectiveStopError):
+            choices = {"cleared": "the cause is gone; unlock and begin this episode again", "stop": RETRY["stop"]}
+            if self.operator.choose("protective stop: find its cause and remove it.", choices) == "stop":
+                raise error
+            self._arm.unlock()
+        else:
+            question = f"{error.outcome}: look at the robot."
+            if self.operator.choose(question, RETRY) == "stop":
+                raise error
+            if isinstance(error, ConnectionLostError) or self._arm.worker is None or not self._arm.playing():
+                self.preflight()
+                self._connect()
+        self._withdraw(start.task)
+
+    def _withdraw(self, task: str) -> None:
+        """Take the finger straight out of the objects from wherever it was stopped."""
+        station = self.lab.station(task)
+        pose = self._arm.pose()
+        out = np.concatenate([pose[:3] + np.array(station.retreat), station.orientation])
+        corners = np.sort(np.array(station.workspace), axis=0)
+        out[:3] = np.clip(out[:3], corners[0], corners[1])
+        self._arm.move_line(out, self.lab.arm.first_lap_speed)
+        if self._finger is not None:
+            self._finger.forget_cell()
+
+    # -- the operator's part --------------------------------------------------------------------------------
+
+    def _place(self, task: str, hidden: int) -> None:
+        self.operator.place(task, hidden, f"{task}: {describe_objects(task, hidden)}")
+
+    def _pushed(self) -> int:
+        return self.operator.pushed()
+
+    # -- what came out --------------------------------------------------------------------------------------
+
+    def summary(self) -> pd.DataFrame:
+        """Return one row a task of the episodes that came to their end."""
+        table = self.folder.episodes()
+        rows = []
+        for task, entrant in self.entrants.items():
+            mine = table[table.task == task] if len(table) else table
+            done = mine[mine.outcome.isin(("success", "failure", "out-of-time"))] if len(mine) else mine
+            successes = int((done.outcome == "success").sum()) if len(done) else 0
+            low, high = clopper_pearson(successes, len(done))
+            rows.append({
+                "evidence": "twin" if is_loopback(self.host) else "robot",
+                "domain": task,
+                "agent": entrant.policy.spec.id,
+                "episodes": len(done),
+                "successes": successes,
+                "success": successes / len(done) if len(done) else float("nan"),
+                "success_low": low,
+                "success_high": high,
+                "length": float(done.steps.mean()) if len(done) else float("nan"),
+                "interrupted": len(mine) - len(done),
+                "policy": str(entrant.path),
+                "policy_sha256": entrant.digest,
+                "serial": self.serial,
+                "polyscope": ".".join(map(str, self.version)),
+                "speed": self.speed,
+                "baseline_0": float(np.mean([b[0] for b in done.baseline])) if len(done) else float("nan"),
+                "baseline_1": float(np.mean([b[1] for b in done.baseline])) if len(done) else float("nan"),
+                "angle_edges": str(list(self.lab.station(task).angle_edges)),
+                "soft": self.lab.gripper.soft,
+                "stiff": self.lab.gripper.stiff,
+            })  # fmt: skip
+        return pd.DataFrame(rows)
+
+
+def describe_objects(task: str, hidden: int) -> str:
+    """Say to a person what a hidden part asks to be placed."""
+    if task == "top-plate":
+        return f"stack {hidden} plates"
+    if task == "two-bumps-1d":
+        from bgn.domains.two_bumps_1d import PAIRS
+
+        left, right = PAIRS[hidden]
+        return f"left bump into cell {left}, right bump into cell {right} (cells count from 0 at the left)"
+    from bgn.domains.two_bumps_2d import PAIRS as CELLS_2D
+    from bgn.domains.two_bumps_2d import SIDE
+
+    (large_row, large), (small_row, small) = (divmod(cell, SIDE) for cell in CELLS_2D[hidden])
+    return f"large bump into column {large}, row {large_row}; small bump into column {small}, row {small_row}"
+
+
