@@ -30,9 +30,13 @@ class Dashboard:
         except OSError as error:
             raise ConnectionLostError(f"{host}: no dashboard at port {DASHBOARD_PORT} ({error})") from error
         self._received = b""
-        greeting = self._line()
-        if not greeting.startswith("Connected"):
-            raise PreflightError(f"{host}: what answers at port {DASHBOARD_PORT} is no dashboard: {greeting[:60]!r}")
+        try:
+            greeting = self._line()
+            if not greeting.startswith("Connected"):
+                raise PreflightError(f"{host}: at port {DASHBOARD_PORT} is no dashboard: {greeting[:60]!r}")
+        except (ConnectionLostError, PreflightError):
+            self._socket.close()
+            raise
 
     def ask(self, command: str, timeout: float = TIMEOUT) -> str:
         """Send a line and return the answer's line.

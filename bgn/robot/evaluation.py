@@ -93,6 +93,7 @@ def _run(
         table = session.run(lap=request.lap)
     finally:
         session.close()
+        operator.close()
         summary = session.summary()
         print(render(summary))
         print(f"recordings: {folder.path}")

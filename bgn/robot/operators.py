@@ -48,6 +48,10 @@ class Operator(Protocol):
         """Have another task's bench set up and the arm brought before it."""
         ...
 
+    def close(self) -> None:
+        """Say goodbye."""
+        ...
+
 
 class Person:
     """Somebody who types answers; ``undo`` after an answer asks again.
@@ -105,6 +109,9 @@ class Person:
     def change_task(self, task: str, text: str) -> None:
         """Have another bench set up."""
         self.choose(text, {"ready": "set up, arm in place, remote control"})
+
+    def close(self) -> None:
+        """Nothing to do."""
 
     def _ask(self, text: str) -> str:
         self._write(text)
@@ -182,3 +189,7 @@ class Automaton:
         """Change the twin's bench."""
         if self._client.ask("state")["task"] != task:
             self._client.ask("task", task=task)
+
+    def close(self) -> None:
+        """Hang up at the twin."""
+        self._client.close()

@@ -339,6 +339,7 @@ class Session:
         if self._finger is not None:
             try:
                 self._finger.rest()
+                self._logs.event("soft", "both fingers")
             except RobotError as error:
                 self._logs.event("gripper", f"not made soft: {error}")
 

@@ -60,6 +60,7 @@ class Twin:
         self.travel = 0.0
         """Largest distance of the tool from where it was when the last fault began, metres."""
         self._stopped = asyncio.Event()
+        self._controls: set[asyncio.StreamWriter] = set()
 
     def _build(self, task: str) -> None:
         self.plant = Plant(self.lab, task, self._seed)
@@ -93,6 +94,9 @@ class Twin:
             transport.close()
             for server in [*self._servers, control]:
                 server.close()
+            for writer in list(self._controls):
+                writer.close()
+            await asyncio.sleep(TICK)  # lets the control socket's readers see their end
 
     def show(self) -> None:
         """Show the arm in a window.
@@ -242,6 +246,7 @@ class Twin:
     # -- the control socket ---------------------------------------------------------------------------------
 
     async def _control(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._controls.add(writer)
         with contextlib.suppress(ConnectionError, asyncio.LimitOverrunError, ValueError):
             while line := await reader.readline():
                 try:
@@ -251,6 +256,7 @@ class Twin:
                 writer.write(json.dumps(answer).encode() + b"\n")
                 await writer.drain()
         writer.close()
+        self._controls.discard(writer)
 
     async def _do(self, request: dict[str, Any]) -> dict[str, Any]:
         """Carry out one request of the control socket; every answer is the state after it."""
