@@ -9,10 +9,13 @@ from pathlib import Path
 
 from bgn.commands.parsing import Commands, robot_domains
 from bgn.robot.errors import RobotError
+from bgn.robot.network import TWIN_HOST
 from bgn.robot.twin import command as twin_command
 
 #: Exit status of an evaluation that ended but with fewer successes than were asked for.
 TOO_FEW = 1
+#: Seconds without fresh data that a rehearsal bears: twin and evaluation share one machine, which may be busy.
+LOADED = 0.4
 
 
 def add_robot(commands: Commands) -> None:
@@ -20,6 +23,7 @@ def add_robot(commands: Commands) -> None:
     robot = commands.add_parser("robot", help="hardware in the loop: a UR5e with its gripper, or their digital twin")
     inner = robot.add_subparsers(required=True, metavar="COMMAND")
     _add_evaluate(inner)
+    _add_rehearse(inner)
     _add_twin(inner)
     _add_film(inner)
     _add_sweep(inner)
@@ -60,6 +64,26 @@ def _add_evaluate(commands: Commands) -> None:
     command.set_defaults(run=_guarded(_evaluate))
 
 
+def _add_rehearse(commands: Commands) -> None:
+    command = commands.add_parser(
+        "rehearse",
+        help="start a twin and run the whole evaluation on it, faster than real time",
+        description="The same evaluation, by the same client library and protocols, on a twin of its own. The twin "
+        "places its objects itself; everything else is as at a robot.",
+    )
+    command.add_argument("--host", default=TWIN_HOST, help="loopback address of the twin (default: %(default)s)")
+    command.add_argument("--scale", type=float, default=8.0, help="simulated seconds per second (default: %(default)s)")
+    command.add_argument("--task", action="append", choices=robot_domains(), help="(default: all three)")
+    command.add_argument("--episodes", type=int, default=10, help="of each task (default: %(default)s)")
+    command.add_argument("--seed", type=int, default=0, help="of starts and noise (default: %(default)s)")
+    command.add_argument("--lab", type=Path, help="a laboratory file instead of the package's own")
+    command.add_argument("--out", type=Path, help="folder of the recordings (default: results/robot/TIME)")
+    command.add_argument(
+        "--require-success", type=float, default=0.0, metavar="RATE", help="exit with 1 if a task succeeds less often"
+    )
+    command.set_defaults(run=_guarded(_rehearse))
+
+
 def _add_twin(commands: Commands) -> None:
     command = commands.add_parser("twin", help="run a simulated UR5e and gripper that speak the real ones' protocols")
     twin_command.add_arguments(command)
@@ -91,7 +115,7 @@ def _guarded(run: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Nam
         try:
             return run(options)
         except RobotError as error:
-            print(f"{type(error).__name__.removesuffix('Error').lower()}: {error}", file=sys.stderr)
+            print(f"error: {error}", file=sys.stderr)
             return error.exit_code
 
     return guarded
@@ -122,6 +146,23 @@ def _evaluate(options: argparse.Namespace) -> int:
     )
     lowest = evaluate(request, execute=options.execute)
     return TOO_FEW if options.execute and lowest < options.require_success else 0
+
+
+def _rehearse(options: argparse.Namespace) -> int:
+    from bgn.robot.evaluation import Request, rehearse  # loads MuJoCo and torch
+
+    request = Request(
+        host=options.host,
+        gripper_host=options.host,
+        tasks=tuple(options.task or robot_domains()),
+        episodes=options.episodes,
+        seed=options.seed,
+        lab=options.lab,
+        out=options.out,
+        twin_operator=True,
+        stale_after=LOADED,
+    )
+    return TOO_FEW if rehearse(request, options.scale) < options.require_success else 0
 
 
 def _film(options: argparse.Namespace) -> int:

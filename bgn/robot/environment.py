@@ -15,7 +15,7 @@ from gymnasium import spaces
 from gymnasium.error import InvalidAction, ResetNeeded
 
 from bgn.domains.domain import Domain
-from bgn.physics.tasks import Step, draw_start, make_task
+from bgn.physics.tasks import Step, draw_start, task_of
 from bgn.physics.world import observations
 from bgn.robot.finger import ArmFinger
 from bgn.robot.moves import MOVES
@@ -30,7 +30,7 @@ class ArmEnvironment(gymnasium.Env[np.int64, np.int64]):
 
     def __init__(self, domain: Domain, finger: ArmFinger) -> None:
         self.domain, self.finger = domain, finger
-        self._task = make_task(domain, finger)
+        self._task = task_of(domain.id)(domain, finger)
         self._seen = observations(domain)
         self._last_action = domain.model.joint.n_actions
         self._going, self._steps, self._y = False, 0, -1

@@ -19,7 +19,7 @@ from bgn.robot.network import is_loopback
 from bgn.robot.operators import Automaton, Operator, console, scripted
 from bgn.robot.recording import SessionFolder, Start
 from bgn.robot.session import Entrant, Session, enter, plan
-from bgn.robot.twin.client import TwinClient
+from bgn.robot.twin.client import TwinClient, TwinProcess
 from bgn.robot.ur5e import Abort, check_extra
 
 ROOT: Final = Path(bgn.__file__).parents[1]
@@ -74,6 +74,22 @@ def evaluate(request: Request, *, execute: bool) -> float:
     if request.resume is None:
         folder.create(_about(request, lab, entrants, starts, speed))
     return _run(request, lab, entrants, starts, folder, speed)
+
+
+def rehearse(request: Request, scale: float) -> float:
+    """Start a twin, run a session on it and stop it; return the lowest success rate of a task.
+
+    Raises
+    ------
+    RobotError
+        Whatever ended it.
+    """
+    check_extra()
+    options = ["--scale", str(scale), "--seed", str(request.seed)]
+    if request.lab is not None:
+        options += ["--lab", str(request.lab)]
+    with TwinProcess(request.tasks[0], request.host, *options):
+        return evaluate(request, execute=True)
 
 
 def _run(

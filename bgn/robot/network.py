@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ipaddress
+import sys
 from typing import Final
 
 from bgn.robot.errors import UsageError
@@ -11,6 +12,9 @@ RTDE_PORT: Final = 30004
 SCRIPT_PORT: Final = 30003
 DASHBOARD_PORT: Final = 29999
 CONTROL_PORT: Final = 30099  # the twin's own
+#: Where a twin is by default. The client library skips its own remote-control check at 127.0.0.1, which is the only
+#: loopback address of a Mac.
+TWIN_HOST: Final = "127.0.0.2" if sys.platform == "linux" else "127.0.0.1"
 
 
 def is_loopback(host: str) -> bool:

@@ -12,13 +12,14 @@ from pathlib import Path
 
 from bgn.robot import lab as laboratory
 from bgn.robot.errors import RobotError
+from bgn.robot.network import TWIN_HOST
 from bgn.robot.twin import faults
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command line."""
     parser.add_argument("--task", default="two-bumps-1d", help="the bench the arm stands at first")
-    parser.add_argument("--host", default="127.0.0.2", help="a loopback address (default: %(default)s)")
+    parser.add_argument("--host", default=TWIN_HOST, help="a loopback address (default: %(default)s)")
     parser.add_argument("--lab", type=Path, help="a laboratory file instead of the package's own")
     parser.add_argument("--scale", type=float, default=1.0, help="simulated seconds per second")
     parser.add_argument("--seed", type=int, default=0, help="of noise and placement errors")

@@ -83,7 +83,7 @@ def scene_axes(station: Station, mounting: Mounting) -> Floats:
 def _scenery(task: str) -> mujoco.MjSpec:
     """Return the simulated scene without the stage that moves its finger."""
     if task == "top-plate":
-        spec = top_plate._specify(top_plate.PLATES)
+        spec = top_plate._specify()
     else:
         spec = mujoco.MjSpec.from_file(str(HERE / f"{task.replace('-', '_')}.xml"))
     for actuator in list(spec.actuators):
