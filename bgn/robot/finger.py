@@ -94,6 +94,8 @@ class ArmFinger:
         self.hidden = -1
         self.outcome = Outcome(reading=-1, angle=0.0)
         self.baseline = (0.0, 0.0)
+        self.based: Callable[[], None] = lambda: None
+        """Called when a baseline was taken."""
         self._place, self._pushed = place, pushed
         self._bins = len(self.station.angle_edges) + 1
         self._cell: tuple[int, ...] = ()
@@ -135,6 +137,7 @@ class ArmFinger:
         self.arm.settle(self.lab.arm.settle)
         self.arm.zero_force()
         self.baseline = self.measure_baseline()
+        self.based()
         self._soften()
         self.arm.move_line(self.station.pose(start), self.speed)
         self._cell = start

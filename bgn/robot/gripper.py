@@ -33,7 +33,7 @@ Pair = tuple[float, float]
 class RddaGripper:
     """The gripper at one address.
 
-    ``heard`` is called with every pair of angles that was read, for the recording.
+    ``heard`` is called with every pair of angles that was read, ``told`` with every command, for the recording.
 
     Raises
     ------
@@ -41,8 +41,14 @@ class RddaGripper:
         The reply port is taken.
     """
 
-    def __init__(self, host: str, settings: Settings, heard: Callable[[Pair], None] = lambda angles: None) -> None:
-        self._settings, self._peer, self.heard = settings, (host, settings.port), heard
+    def __init__(
+        self,
+        host: str,
+        settings: Settings,
+        heard: Callable[[Pair], None] = lambda angles: None,
+        told: Callable[[str, str], None] = lambda kind, text: None,
+    ) -> None:
+        self._settings, self._peer, self.heard, self._told = settings, (host, settings.port), heard, told
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -67,6 +73,7 @@ class RddaGripper:
 
     def home(self) -> None:
         """Home both fingers. They move; it is not repeated when no reply comes."""
+        self._told("gripper", "home_rdda")
         self._ask("home_rdda", _FLAG, retries=0)
 
     def read_positions(self) -> Pair:
@@ -103,7 +110,9 @@ class RddaGripper:
 
     def _command(self, name: str, pair: Sequence[float]) -> None:
         first, second = pair
-        if self._ask(f"{name},{first:.6g},{second:.6g}", _FLAG)[0] != "1":
+        request = f"{name},{first:.6g},{second:.6g}"
+        self._told("gripper", request)
+        if self._ask(request, _FLAG)[0] != "1":
             raise GripperError(f"the gripper refuses {name} {first:g}, {second:g}")
 
     def _ask(self, request: str, grammar: re.Pattern[str], retries: int | None = None) -> re.Match[str]:

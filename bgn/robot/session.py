@@ -20,6 +20,7 @@ import pandas as pd
 
 from bgn import domains
 from bgn.domains.domain import Domain
+from bgn.domains.layout import TouchLayout
 from bgn.physics.tasks import draw_start
 from bgn.policies.saved import Policy
 from bgn.robot import kinematics, preflight
@@ -141,10 +142,12 @@ class Session:
         self.serial = ""
         self.version: tuple[int, ...] = ()
         self._logs = _Logs()
-        self._gripper = RddaGripper(gripper_host, lab.gripper, self._logs.angles)
+        self._gripper = RddaGripper(gripper_host, lab.gripper, self._logs.angles, self._logs.event)
         self._arm = UR5e(lab, host, folder.path, abort, self._gripper.poll)
         self._arm.log = self._logs
         self._finger: ArmFinger | None = None
+        self._y = self._hidden = -1
+        """The hidden part of the present episode, as the domain counts it and as the finger's task does."""
 
     # -- the whole ------------------------------------------------------------------------------------------
 
@@ -291,6 +294,7 @@ class Session:
         self._finger.speed = self.speed
         environment = ArmEnvironment(entrant.domain, self._finger)
         entrant.policy.reset()
+        self._y = start.y
         observation, information = environment.reset(options={"start": (start.x, start.y)})
         action: int | None = None
         ended = truncated = success = False
@@ -315,6 +319,7 @@ class Session:
             action=-1 if action is None else action,
             observation=int(seen),
             observed=int(information["observed"]),
+            hidden=self._hidden,
             angle=float(information["angle"]),
             wall=time.monotonic(),
             seconds=more.get("seconds", 0.0),
@@ -374,7 +379,8 @@ class Session:
     # -- the operator's part --------------------------------------------------------------------------------
 
     def _place(self, task: str, hidden: int) -> None:
-        self.operator.place(task, hidden, f"{task}: {describe_objects(task, hidden)}")
+        self._hidden = hidden
+        self.operator.place(task, hidden, f"{task}: {describe_objects(self.entrants[task].domain, self._y)}")
 
     def _pushed(self) -> int:
         return self.operator.pushed()
@@ -415,19 +421,11 @@ class Session:
         return pd.DataFrame(rows)
 
 
-def describe_objects(task: str, hidden: int) -> str:
+def describe_objects(domain: Domain, y: int) -> str:
     """Say to a person what a hidden part asks to be placed."""
-    if task == "top-plate":
-        return f"stack {hidden} plates"
-    if task == "two-bumps-1d":
-        from bgn.domains.two_bumps_1d import PAIRS
-
-        left, right = PAIRS[hidden]
-        return f"left bump into cell {left}, right bump into cell {right} (cells count from 0 at the left)"
-    from bgn.domains.two_bumps_2d import PAIRS as CELLS_2D
-    from bgn.domains.two_bumps_2d import SIDE
-
-    (large_row, large), (small_row, small) = (divmod(cell, SIDE) for cell in CELLS_2D[hidden])
-    return f"large bump into column {large}, row {large_row}; small bump into column {small}, row {small_row}"
-
-
+    layout = domain.layout
+    assert isinstance(layout, TouchLayout)
+    places = [divmod(int(cell), layout.shape[1]) for cell in layout.places[y]]
+    return ", ".join(
+        f"{name} into row {row}, column {column}" for name, (row, column) in zip(layout.objects, places, strict=True)
+    ) + " (counted from 0, as the bench is marked)"

@@ -37,15 +37,27 @@ class Mounting:
     """Where the finger points, in the scene."""
     knuckles: dict[str, tuple[float, float, float]]
     """Its hinges and their axes."""
+    camera: tuple[tuple[float, float, float], tuple[float, float, float]]
+    """From where, and at what point, the scene is looked at, arm and all."""
 
 
 MOUNTINGS: Final = {
-    "top-plate": Mounting((0, top_plate.HINGE_DISTANCE, 0), (0, -1, 0), {"finger": (-1, 0, 0)}),
-    "two-bumps-1d": Mounting((-0.56, 0, two_bumps_1d.HINGE_HEIGHT), (0, 0, -1), {"finger": (0, -1, 0)}),
+    "top-plate": Mounting(
+        (0, top_plate.HINGE_DISTANCE, 0), (0, -1, 0), {"finger": (-1, 0, 0)}, ((2.5, 0.1, 1.0), (0, 0.42, 0.5))
+    ),
+    "two-bumps-1d": Mounting(
+        (-0.56, 0, two_bumps_1d.HINGE_HEIGHT), (0, 0, -1), {"finger": (0, -1, 0)}, ((-0.5, -2.1, 1.3), (0, 0.1, 0.2))
+    ),
     "two-bumps-2d": Mounting(
-        (-0.24, -0.24, two_bumps_2d.HINGE_HEIGHT), (0, 0, -1), {"finger-x": (0, -1, 0), "finger-y": (1, 0, 0)}
+        (-0.24, -0.24, two_bumps_2d.HINGE_HEIGHT),
+        (0, 0, -1),
+        {"finger-x": (0, -1, 0), "finger-y": (1, 0, 0)},
+        ((-1.0, -1.5, 1.3), (0, 0.2, 0.15)),
     ),
 }
+CAMERA: Final = "talk"
+FIELD_OF_VIEW: Final = 30  # degrees
+PEDESTAL: Final = 0.09  # m, radius
 
 
 def build(lab: Lab, task: str) -> mujoco.MjModel:
@@ -66,6 +78,8 @@ def build(lab: Lab, task: str) -> mujoco.MjModel:
     flange = _add_arm(spec, base)
     _add_finger(spec, flange, lab, station, mounting, turn)
     _add_wall(spec)
+    _add_pedestal(spec, base)
+    _aim_camera(spec, mounting)
     return spec.compile()
 
 
@@ -120,6 +134,17 @@ def _add_arm(spec: mujoco.MjSpec, base: Any) -> Any:
             group=1,
             material="steel" if i % 2 else "accent",
         )
+        for at in (np.zeros(3), np.array([kinematics.A[i], 0, 0])) if aside[i] else ():
+            body.add_geom(
+                type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+                size=[radii[i], 0, 0],
+                fromto=[*at, *(at + offset)],
+                mass=0,
+                contype=0,
+                conaffinity=0,
+                group=1,
+                material="steel" if i % 2 else "accent",
+            )
         gains, biases = np.zeros(10), np.zeros(10)
         gains[0] = STIFFNESS[i]
         biases[:3] = 0, -STIFFNESS[i], -DAMPING[i]
@@ -200,6 +225,31 @@ def _add_wall(spec: mujoco.MjSpec) -> None:
         solref=[0.01, 1],
         rgba=[0.8, 0.2, 0.2, 1],
     )
+
+
+def _add_pedestal(spec: mujoco.MjSpec, base: Any) -> None:
+    """Let the arm stand on something."""
+    floor = spec.geom("floor").pos[2]
+    height = float(base.pos[2] - floor)
+    spec.worldbody.add_geom(
+        spec.find_default("fitting"),
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        size=[PEDESTAL, height / 2, 0],
+        pos=[base.pos[0], base.pos[1], floor + height / 2],
+        material="dark",
+    )
+
+
+def _aim_camera(spec: mujoco.MjSpec, mounting: Mounting) -> None:
+    """Look at the whole arm instead of at the finger only."""
+    eye, at = (np.array(point, dtype=np.float64) for point in mounting.camera)
+    back = (eye - at) / np.linalg.norm(eye - at)
+    right = np.cross((0, 0, 1), back)
+    right /= np.linalg.norm(right)
+    camera = spec.camera(CAMERA)
+    camera.pos, camera.fovy = eye, FIELD_OF_VIEW
+    camera.quat = _quaternion(np.stack([right, np.cross(back, right), back], axis=1))
+    camera.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
 
 
 def _quaternion(matrix: Floats) -> Floats:

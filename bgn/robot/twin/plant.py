@@ -125,6 +125,14 @@ class Plant:
         self._path, self._row, self._extend = path, 0, extend
         self.motions += 1
 
+    def jump(self, joints: Floats) -> None:
+        """Put the arm at rest at joint angles (6,) at once, for pictures."""
+        self.halt()
+        self.data.qpos[self._joints], self.data.qvel[self._speeds] = joints, 0
+        self._targets[:] = joints
+        self.data.ctrl[self._servos] = joints
+        mujoco.mj_forward(self.model, self.data)
+
     def brake(self, deceleration: float) -> None:
         """Come to rest along the present path; ``deceleration`` is the flange's, in m/s^2."""
         speed = float(np.linalg.norm(kinematics.jacobian(self.target)[:3] @ self.target_speeds))
