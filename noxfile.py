@@ -123,8 +123,12 @@ def hil(session: nox.Session) -> None:
     """Evaluate on a robot: ``-- --host ADDRESS --real``, a dry run; add ``--execute`` to move. See docs/robot.md."""
     if not any(argument.startswith("--host") for argument in session.posargs):
         session.log("No robot was named, so nothing is run. In the laboratory, after reading docs/robot.md:")
-        session.log("  nox -s hil -- --host 192.168.1.10 --gripper-host 192.168.1.11 --real             a dry run")
-        session.log("  nox -s hil -- --host 192.168.1.10 --gripper-host 192.168.1.11 --real --execute   moves the arm")
+        session.log(
+            "  nox -s hil -- --host 192.168.1.10 --gripper-host 192.168.1.11 --real             a dry run"
+        )
+        session.log(
+            "  nox -s hil -- --host 192.168.1.10 --gripper-host 192.168.1.11 --real --execute   moves the arm"
+        )
         session.log("Without a robot, `nox -s twin` runs the same evaluation on a digital twin.")
         return
     run(session, "python", "-m", "bgn", "robot", "evaluate", *session.posargs)

@@ -20,7 +20,9 @@ LOADED = 0.4
 
 def add_robot(commands: Commands) -> None:
     """Add the robot's commands."""
-    robot = commands.add_parser("robot", help="hardware in the loop: a UR5e with its gripper, or their digital twin")
+    robot = commands.add_parser(
+        "robot", help="hardware in the loop: a UR5e with its gripper, or their digital twin"
+    )
     inner = robot.add_subparsers(required=True, metavar="COMMAND")
     _add_evaluate(inner)
     _add_rehearse(inner)
@@ -38,28 +40,44 @@ def _add_evaluate(commands: Commands) -> None:
     )
     command.add_argument("--host", help="numeric address of the controller; there is no default")
     command.add_argument("--gripper-host", help="of the gripper, if another one")
-    command.add_argument("--real", action="store_true", help="the address is a real robot's, not a twin's on this machine")
+    command.add_argument(
+        "--real", action="store_true", help="the address is a real robot's, not a twin's on this machine"
+    )
     command.add_argument("--execute", action="store_true", help="move, instead of a dry run")
     command.add_argument(
         "--task", action="append", choices=robot_domains(), help="may be repeated (default: all three)"
     )
     command.add_argument("--episodes", type=int, default=10, help="of each task (default: %(default)s)")
     command.add_argument(
-        "--policy", action="append", default=[], metavar="TASK=FILE", help="default: the published Ah-Ch+BGN policies"
+        "--policy",
+        action="append",
+        default=[],
+        metavar="TASK=FILE",
+        help="default: the published Ah-Ch+BGN policies",
     )
-    command.add_argument("--speed", type=float, help="m/s of the episodes' moves (default: the laboratory file's)")
+    command.add_argument(
+        "--speed", type=float, help="m/s of the episodes' moves (default: the laboratory file's)"
+    )
     command.add_argument("--seed", type=int, default=0, help="of the episodes' starts (default: %(default)s)")
     command.add_argument("--lab", type=Path, help="a laboratory file instead of the package's own")
     command.add_argument("--out", type=Path, help="folder of the recordings (default: results/robot/TIME)")
     command.add_argument("--resume", type=Path, metavar="FOLDER", help="go on with an interrupted session")
     command.add_argument("--answers", type=Path, help="a file of the operator's answers, one a line")
     command.add_argument(
-        "--twin-operator", action="store_true", help="let the twin place its objects and see its pushes itself"
+        "--twin-operator",
+        action="store_true",
+        help="let the twin place its objects and see its pushes itself",
     )
     command.add_argument("--no-lap", action="store_true", help="leave the slow first lap out (twin only)")
-    command.add_argument("--stale-after", type=float, help="s without fresh data (default: the laboratory file's)")
     command.add_argument(
-        "--require-success", type=float, default=0.0, metavar="RATE", help="exit with 1 if a task succeeds less often"
+        "--stale-after", type=float, help="s without fresh data (default: the laboratory file's)"
+    )
+    command.add_argument(
+        "--require-success",
+        type=float,
+        default=0.0,
+        metavar="RATE",
+        help="exit with 1 if a task succeeds less often",
     )
     command.set_defaults(run=_guarded(_evaluate))
 
@@ -71,27 +89,39 @@ def _add_rehearse(commands: Commands) -> None:
         description="The same evaluation, by the same client library and protocols, on a twin of its own. The twin "
         "places its objects itself; everything else is as at a robot.",
     )
-    command.add_argument("--host", default=TWIN_HOST, help="loopback address of the twin (default: %(default)s)")
-    command.add_argument("--scale", type=float, default=8.0, help="simulated seconds per second (default: %(default)s)")
+    command.add_argument(
+        "--host", default=TWIN_HOST, help="loopback address of the twin (default: %(default)s)"
+    )
+    command.add_argument(
+        "--scale", type=float, default=8.0, help="simulated seconds per second (default: %(default)s)"
+    )
     command.add_argument("--task", action="append", choices=robot_domains(), help="(default: all three)")
     command.add_argument("--episodes", type=int, default=10, help="of each task (default: %(default)s)")
     command.add_argument("--seed", type=int, default=0, help="of starts and noise (default: %(default)s)")
     command.add_argument("--lab", type=Path, help="a laboratory file instead of the package's own")
     command.add_argument("--out", type=Path, help="folder of the recordings (default: results/robot/TIME)")
     command.add_argument(
-        "--require-success", type=float, default=0.0, metavar="RATE", help="exit with 1 if a task succeeds less often"
+        "--require-success",
+        type=float,
+        default=0.0,
+        metavar="RATE",
+        help="exit with 1 if a task succeeds less often",
     )
     command.set_defaults(run=_guarded(_rehearse))
 
 
 def _add_twin(commands: Commands) -> None:
-    command = commands.add_parser("twin", help="run a simulated UR5e and gripper that speak the real ones' protocols")
+    command = commands.add_parser(
+        "twin", help="run a simulated UR5e and gripper that speak the real ones' protocols"
+    )
     twin_command.add_arguments(command)
     command.set_defaults(run=_guarded(twin_command.run))
 
 
 def _add_film(commands: Commands) -> None:
-    command = commands.add_parser("film", help="film a recorded episode, with belief panels computed afterwards")
+    command = commands.add_parser(
+        "film", help="film a recorded episode, with belief panels computed afterwards"
+    )
     command.add_argument("episode", type=Path, help="the episode's folder, SESSION/episodes/NAME")
     command.add_argument("--out", type=Path, help="the GIF (default: NAME.gif); a film strip lies beside it")
     command.add_argument("--lab", type=Path, help="a laboratory file instead of the package's own")
@@ -99,12 +129,18 @@ def _add_film(commands: Commands) -> None:
 
 
 def _add_sweep(commands: Commands) -> None:
-    command = commands.add_parser("sweep", help="how much finger noise, drift, lag and misplacement the policies bear")
+    command = commands.add_parser(
+        "sweep", help="how much finger noise, drift, lag and misplacement the policies bear"
+    )
     command.add_argument("--task", action="append", choices=robot_domains(), help="(default: all three)")
-    command.add_argument("--gap", action="append", help="angle_noise, angle_drift, servo_lag or placement_error")
+    command.add_argument(
+        "--gap", action="append", help="angle_noise, angle_drift, servo_lag or placement_error"
+    )
     command.add_argument("--episodes", type=int, default=20, help="of each point (default: %(default)s)")
     command.add_argument("--lab", type=Path, help="a laboratory file instead of the package's own")
-    command.add_argument("--out", type=Path, default=Path("results/robot/sweep.parquet"), help="(default: %(default)s)")
+    command.add_argument(
+        "--out", type=Path, default=Path("results/robot/sweep.parquet"), help="(default: %(default)s)"
+    )
     command.set_defaults(run=_guarded(_sweep))
 
 

@@ -59,7 +59,9 @@ def evaluate(request: Request, *, execute: bool) -> float:
     if request.episodes < 1:
         raise UsageError(f"--episodes {request.episodes}: at least 1 is needed")
     if not is_loopback(request.host) and (request.twin_operator or not request.lap):
-        raise UsageError("--twin-operator and --no-lap are for the twin; a real robot has a person and a first lap")
+        raise UsageError(
+            "--twin-operator and --no-lap are for the twin; a real robot has a person and a first lap"
+        )
     speed = lab.arm.speed if request.speed is None else request.speed
     if not 0 < speed <= lab.arm.speed_cap:
         raise UsageError(f"--speed {speed}: not in 0..{lab.arm.speed_cap} m/s")
@@ -182,7 +184,9 @@ def _look_at(lab: Lab, host: str) -> None:
 
 def render(summary: pd.DataFrame) -> str:
     """Return the summary as the table that is printed."""
-    lines = [f"{'task':14} {'agent':12} {'evidence':8} {'success':>9} {'rate':>7} {'95 % interval':>15} {'length':>7}"]
+    lines = [
+        f"{'task':14} {'agent':12} {'evidence':8} {'success':>9} {'rate':>7} {'95 % interval':>15} {'length':>7}"
+    ]
     for row in summary.itertuples():
         interval = f"{100 * row.success_low:.1f}..{100 * row.success_high:.1f} %"
         count = f"{row.successes}/{row.episodes}"

@@ -69,7 +69,12 @@ def beliefs(domain: Domain, steps: pd.DataFrame) -> list[Floats]:
             continue
         found.append(
             next_belief(
-                domain, found[-1], int(row.action), int(row.observation), x=int(before.observed), x_next=int(row.observed)
+                domain,
+                found[-1],
+                int(row.action),
+                int(row.observation),
+                x=int(before.observed),
+                x_next=int(row.observed),
             )
         )
     return found
@@ -90,7 +95,9 @@ def _about(episode: Path) -> dict[str, Any]:
     return about
 
 
-def _shoot(lab: Lab, about: dict[str, Any], steps: pd.DataFrame, raw: pd.DataFrame, policy: Policy) -> list[Shot]:
+def _shoot(
+    lab: Lab, about: dict[str, Any], steps: pd.DataFrame, raw: pd.DataFrame, policy: Policy
+) -> list[Shot]:
     plant = Plant(lab, policy.domain.id)
     camera = Camera(plant, *task_of(policy.domain.id).scene.view)
     try:

@@ -126,7 +126,9 @@ class ArmFinger:
         else:
             self._soften()
         angle = self.step_to(tuple(goal), move.axis)
-        reading = self._number(self._cell) * self._bins + int(np.searchsorted(self.station.angle_edges, angle))
+        reading = self._number(self._cell) * self._bins + int(
+            np.searchsorted(self.station.angle_edges, angle)
+        )
         pushed = self._pushed() if move.stiff else 0
         self.outcome = Outcome(reading, angle, pushed)
         return self.outcome

@@ -56,7 +56,9 @@ class RddaGripper:
             self._socket.bind((host if is_loopback(host) else "", settings.reply_port))
         except OSError as error:
             self._socket.close()
-            raise GripperError(f"cannot listen for the gripper at port {settings.reply_port}: {error}") from error
+            raise GripperError(
+                f"cannot listen for the gripper at port {settings.reply_port}: {error}"
+            ) from error
         self._asked = 0.0
 
     def set_stiffness(self, stiffness: Sequence[float]) -> None:
@@ -131,7 +133,9 @@ class RddaGripper:
                 if found is not None:
                     return found
                 heard = repr(reply[:40])
-        raise GripperError(f"the gripper at {self._peer[0]} does not answer {request.split(',')[0]}: heard {heard}")
+        raise GripperError(
+            f"the gripper at {self._peer[0]} does not answer {request.split(',')[0]}: heard {heard}"
+        )
 
     def _drain(self) -> None:
         while self._receive(0.0) is not None:

@@ -136,7 +136,9 @@ def to_transform(pose: ArrayLike) -> Floats:
     """Return transforms (..., 4, 4) of poses (..., 6)."""
     p = np.asarray(pose, dtype=np.float64)
     transform = np.zeros((*p.shape[:-1], 4, 4))
-    transform[..., :3, :3] = Rotation.from_rotvec(p[..., 3:].reshape(-1, 3)).as_matrix().reshape(*p.shape[:-1], 3, 3)
+    transform[..., :3, :3] = (
+        Rotation.from_rotvec(p[..., 3:].reshape(-1, 3)).as_matrix().reshape(*p.shape[:-1], 3, 3)
+    )
     transform[..., :3, 3] = p[..., :3]
     transform[..., 3, 3] = 1
     return transform

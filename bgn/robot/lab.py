@@ -55,7 +55,9 @@ class Arm(_Section):
     def _keep_to_the_cap(self) -> Arm:
         for name in ("speed", "first_lap_speed"):
             if getattr(self, name) > self.speed_cap:
-                raise ValueError(f"arm.{name} = {getattr(self, name)} m/s is above the cap of {self.speed_cap} m/s")
+                raise ValueError(
+                    f"arm.{name} = {getattr(self, name)} m/s is above the cap of {self.speed_cap} m/s"
+                )
         return self
 
 

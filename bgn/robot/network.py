@@ -34,11 +34,26 @@ def check_host(host: str | None, *, real: bool) -> str:
         No host was given, it is not a numeric address, or it is not a loopback one and ``real`` was not said.
     """
     if host is None:
-        raise UsageError("no robot: give its address with --host, and --real if it is not a twin on this machine")
+        raise UsageError(
+            "no robot: give its address with --host, and --real if it is not a twin on this machine"
+        )
     try:
         ipaddress.ip_address(host)
     except ValueError as error:
         raise UsageError(f"--host {host}: a numeric address is needed, such as 192.168.1.10") from error
     if not is_loopback(host) and not real:
         raise UsageError(f"--host {host} is not on this machine: add --real to move a real robot there")
+    return host
+
+
+def check_twin_host(host: str) -> str:
+    """Return the address if a twin may listen there.
+
+    Raises
+    ------
+    UsageError
+        It is not a loopback one.
+    """
+    if not is_loopback(host):
+        raise UsageError(f"--host {host}: a twin listens on loopback addresses only, such as {TWIN_HOST}")
     return host

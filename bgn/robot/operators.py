@@ -16,7 +16,13 @@ TRIES: Final = 3
 TIMEOUT: Final = 600.0  # s for an answer
 POLL: Final = 0.2  # s between two looks at Ctrl-C while waiting for an answer
 UNDO: Final = "undo"
-PUSHES: Final = {"no": 0, "left bump left": -1, "left bump right": 1, "right bump left": -2, "right bump right": 2}
+PUSHES: Final = {
+    "no": 0,
+    "left bump left": -1,
+    "left bump right": 1,
+    "right bump left": -2,
+    "right bump right": 2,
+}
 #: Takes a time limit in seconds; returns a line without its end, or None if none came.
 Reader = Callable[[float], str | None]
 
@@ -59,7 +65,9 @@ class Person:
     Every question has a time limit. Wrong answers are asked again, at most :data:`TRIES` times in all.
     """
 
-    def __init__(self, read: Reader, write: Callable[[str], None], abort: Abort, timeout: float = TIMEOUT) -> None:
+    def __init__(
+        self, read: Reader, write: Callable[[str], None], abort: Abort, timeout: float = TIMEOUT
+    ) -> None:
         self._read, self._write, self._abort, self._timeout = read, write, abort, timeout
 
     def tell(self, text: str) -> None:
@@ -86,7 +94,9 @@ class Person:
         RefusedError
             Too many answers that are none of the choices, or none in time.
         """
-        offered = ", ".join(f"{answer!r} ({meaning})" if meaning else repr(answer) for answer, meaning in choices.items())
+        offered = ", ".join(
+            f"{answer!r} ({meaning})" if meaning else repr(answer) for answer, meaning in choices.items()
+        )
         mistakes = 0
         while mistakes < TRIES:
             answer = self._ask(f"{question} [{offered}]").strip().lower()
@@ -94,7 +104,10 @@ class Person:
                 mistakes += 1
                 self._write(f"{answer!r} is none of these")
                 continue
-            if self._ask(f"you said {answer!r}: Enter to go on, {UNDO!r} to answer again").strip().lower() != UNDO:
+            if (
+                self._ask(f"you said {answer!r}: Enter to go on, {UNDO!r} to answer again").strip().lower()
+                != UNDO
+            ):
                 return answer
         raise RefusedError(f"{TRIES} answers that were none of {', '.join(choices)}")
 

@@ -49,7 +49,9 @@ class Trapezoid:
         )
 
 
-def line(start: Floats, end: Floats, near: Floats, speed: float, acceleration: float, step: float) -> Floats | None:
+def line(
+    start: Floats, end: Floats, near: Floats, speed: float, acceleration: float, step: float
+) -> Floats | None:
     """Return joints (n, 6), one per ``step`` seconds, that carry the flange straight from one transform to another.
 
     The joints begin on the branch of ``near`` (6,). None if the line leaves what the arm can reach. A turn is timed

@@ -57,7 +57,9 @@ def check_station(lab: Lab, task: str) -> Reach:
     for cell in tour:
         for pose in (station.pose(cell), station.pose(cell, retreat=True)):
             if not station.contains(pose[:3]):
-                raise PreflightError(f"{task}: cell {cell} at {np.round(pose[:3], 3)} is outside the workspace")
+                raise PreflightError(
+                    f"{task}: cell {cell} at {np.round(pose[:3], 3)} is outside the workspace"
+                )
             near = joints[-1] if joints else np.array(station.near)
             solution = kinematics.nearest(lab.flange(pose), near)
             if solution is None:
@@ -68,7 +70,9 @@ def check_station(lab: Lab, task: str) -> Reach:
     table = np.array(joints)
     away = np.abs(table - np.array(station.near)).max()
     if away > station.window:
-        raise PreflightError(f"{task}: a joint turns {away:.2f} rad from its middle, the window is {station.window} rad")
+        raise PreflightError(
+            f"{task}: a joint turns {away:.2f} rad from its middle, the window is {station.window} rad"
+        )
     worst = max(kinematics.condition(row) for row in table)
     if worst > lab.arm.condition_limit:
         raise PreflightError(f"{task}: condition number {worst:.0f}: too close to a singularity")
@@ -93,21 +97,29 @@ def lap(station: Station) -> list[tuple[int, ...]]:
 
 def describe_plan(lab: Lab, starts: Sequence[Start], speed: float) -> str:
     """Return a table of what an evaluation would do; the checks of :func:`check_station` have passed."""
-    lines = [f"{'task':14} {'episodes':>8} {'cells':>5} {'joints (degrees)':46} {'condition':>9} {'speed':>8}"]
+    lines = [
+        f"{'task':14} {'episodes':>8} {'cells':>5} {'joints (degrees)':46} {'condition':>9} {'speed':>8}"
+    ]
     for task in dict.fromkeys(start.task for start in starts):
         reach = check_station(lab, task)
         spans = " ".join(
             f"{a:.0f}..{b:.0f}" for a, b in zip(np.degrees(reach.low), np.degrees(reach.high), strict=True)
         )
         number = sum(start.task == task for start in starts)
-        lines.append(f"{task:14} {number:8} {reach.cells:5} {spans:46} {reach.condition:9.1f} {speed:5.2f} m/s")
+        lines.append(
+            f"{task:14} {number:8} {reach.cells:5} {spans:46} {reach.condition:9.1f} {speed:5.2f} m/s"
+        )
     return "\n".join(lines)
 
 
 def check_dashboard(lab: Lab, dashboard: Dashboard) -> tuple[str, list[Check]]:
     """Return the robot's serial number and what its dashboard says about it; asks, changes nothing."""
     oldest, version = lab.arm.oldest_polyscope, dashboard.version()
-    checks = [Check("PolyScope", ".".join(map(str, version)), version[:2] >= oldest, ".".join(map(str, oldest)) + "+")]
+    checks = [
+        Check(
+            "PolyScope", ".".join(map(str, version)), version[:2] >= oldest, ".".join(map(str, oldest)) + "+"
+        )
+    ]
     if not checks[0].passed:  # what follows needs a newer one
         return "", checks
     questions = (
@@ -137,7 +149,12 @@ def check_connection(lab: Lab, description: dict[str, float]) -> list[Check]:
     payload, slider = float(description["payload"]), float(description["speed_fraction"])
     return [
         Check("payload", f"{payload:.2f} kg", abs(payload - lab.arm.payload) < 0.01, f"{lab.arm.payload} kg"),
-        Check("speed slider", f"{100 * slider:.0f} %", slider >= SLOWEST_SLIDER, f"{100 * SLOWEST_SLIDER:.0f} %+"),
+        Check(
+            "speed slider",
+            f"{100 * slider:.0f} %",
+            slider >= SLOWEST_SLIDER,
+            f"{100 * SLOWEST_SLIDER:.0f} %+",
+        ),
     ]
 
 
@@ -149,7 +166,9 @@ def insist(checks: Sequence[Check]) -> str:
     PreflightError
         One did not pass; the message names all that did not.
     """
-    failed = [f"{check.name} is {check.found!r} instead of {check.wanted!r}" for check in checks if not check.passed]
+    failed = [
+        f"{check.name} is {check.found!r} instead of {check.wanted!r}" for check in checks if not check.passed
+    ]
     if failed:
         raise PreflightError("not ready: " + "; ".join(failed))
     return "\n".join(f"{check.name:16} {check.found}" for check in checks)

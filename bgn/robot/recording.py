@@ -87,7 +87,9 @@ class Recording:
         """Write what has come since the last part."""
         self._flushed = time.monotonic()
         if self._raw:
-            _write_table(self.folder / f"raw-{self._parts:04d}.parquet", pd.DataFrame(self._raw, columns=RAW_COLUMNS))
+            _write_table(
+                self.folder / f"raw-{self._parts:04d}.parquet", pd.DataFrame(self._raw, columns=RAW_COLUMNS)
+            )
         if self._events:
             events = pd.DataFrame(self._events, columns=["wall", "kind", "text"])
             _write_table(self.folder / f"events-{self._parts:04d}.parquet", events)
@@ -123,7 +125,9 @@ class SessionFolder:
             There is something in the folder already.
         """
         if self.path.exists() and any(self.path.iterdir()):
-            raise UsageError(f"{self.path} is not empty; go on with a session there by --resume, or choose another --out")
+            raise UsageError(
+                f"{self.path} is not empty; go on with a session there by --resume, or choose another --out"
+            )
         self.path.mkdir(parents=True, exist_ok=True)
         _write_json(self.path / "session.json", {"format": FORMAT, **about})
 
@@ -150,7 +154,10 @@ class SessionFolder:
 
     def episodes(self) -> pd.DataFrame:
         """Return one row for every attempt at an episode, laps left out."""
-        rows = [json.loads(file.read_text(encoding="utf-8")) for file in sorted(self.path.glob("episodes/*/episode.json"))]
+        rows = [
+            json.loads(file.read_text(encoding="utf-8"))
+            for file in sorted(self.path.glob("episodes/*/episode.json"))
+        ]
         table = pd.DataFrame([row for row in rows if row.get("kind") == "episode"])
         return table.sort_values(["task", "number", "attempt"], ignore_index=True) if len(table) else table
 
@@ -186,7 +193,9 @@ def _read(episode: Path, kind: str) -> pd.DataFrame:
 
 
 def _read_parts(folder: Path, kind: str) -> pd.DataFrame:
-    return pd.concat([pd.read_parquet(part) for part in sorted(folder.glob(f"{kind}-*.parquet"))], ignore_index=True)
+    return pd.concat(
+        [pd.read_parquet(part) for part in sorted(folder.glob(f"{kind}-*.parquet"))], ignore_index=True
+    )
 
 
 def _write_table(path: Path, table: pd.DataFrame) -> None:

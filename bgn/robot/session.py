@@ -74,7 +74,9 @@ def enter(task: str, path: Path) -> Entrant:
     if policy.domain.id != task:
         raise UsageError(f"{path} is a policy of {policy.domain.id}, not of {task}")
     if policy.spec.actor != "history":
-        raise UsageError(f"{path} acts on the {policy.spec.actor}; on a robot only a policy of the history can act")
+        raise UsageError(
+            f"{path} acts on the {policy.spec.actor}; on a robot only a policy of the history can act"
+        )
     return Entrant(policy.domain, policy, path, hashlib.sha256(path.read_bytes()).hexdigest())
 
 
@@ -165,7 +167,11 @@ class Session:
             self._confirm()
             finished = self.folder.finished()
             for task in dict.fromkeys(start.task for start in self.starts):
-                left = [start for start in self.starts if start.task == task and (task, start.number) not in finished]
+                left = [
+                    start
+                    for start in self.starts
+                    if start.task == task and (task, start.number) not in finished
+                ]
                 if left:
                     self._run_task(task, left, lap=lap)
         finally:
@@ -218,7 +224,8 @@ class Session:
     def _run_task(self, task: str, starts: Sequence[Start], *, lap: bool) -> None:
         station = self.lab.station(task)
         self.operator.change_task(
-            task, f"{task}: set up its bench, bring the arm before it (joints near {np.round(station.near, 1)})"
+            task,
+            f"{task}: set up its bench, bring the arm before it (joints near {np.round(station.near, 1)})",
         )
         self._arm.station = None
         self._connect()
@@ -251,7 +258,9 @@ class Session:
                 angle = finger.step_to(cell, axis)
                 recording.step(cell=str(cell), angle=angle)
                 if int(np.searchsorted(station.angle_edges, angle)) != len(station.angle_edges) // 2:
-                    raise MotionError(f"first lap: the finger is bent by {angle:.3f} rad at cell {cell} of an empty bench")
+                    raise MotionError(
+                        f"first lap: the finger is bent by {angle:.3f} rad at cell {cell} of an empty bench"
+                    )
             finger.withdraw()
             recording.finish("done")
         finger.speed = self.speed
@@ -275,7 +284,13 @@ class Session:
     def _run_episode(self, start: Start) -> None:
         """Play an episode to its end, beginning it again as often as the operator says."""
         while True:
-            about = {"kind": "episode", "task": start.task, "number": start.number, "x": start.x, "y": start.y}
+            about = {
+                "kind": "episode",
+                "task": start.task,
+                "number": start.number,
+                "x": start.x,
+                "y": start.y,
+            }
             recording = self.folder.begin(start.name, about)
             try:
                 with self._recorded(recording):
@@ -311,7 +326,13 @@ class Session:
         self.operator.tell(f"{start.name}: {outcome} after {step} steps")
 
     def _keep(
-        self, recording: Recording, step: int, action: int | None, seen: Any, information: dict[str, Any], **more: float
+        self,
+        recording: Recording,
+        step: int,
+        action: int | None,
+        seen: Any,
+        information: dict[str, Any],
+        **more: float,
     ) -> None:
         hinge = self._arm.pose()
         recording.step(
@@ -352,7 +373,10 @@ class Session:
         """Ask the operator, bring everything back, and withdraw the finger; or end the session."""
         self.operator.tell(f"{start.name} interrupted: {error}")
         if isinstance(error, ProtectiveStopError):
-            choices = {"cleared": "the cause is gone; unlock and begin this episode again", "stop": RETRY["stop"]}
+            choices = {
+                "cleared": "the cause is gone; unlock and begin this episode again",
+                "stop": RETRY["stop"],
+            }
             if self.operator.choose("protective stop: find its cause and remove it.", choices) == "stop":
                 raise error
             self._arm.unlock()
@@ -426,6 +450,10 @@ def describe_objects(domain: Domain, y: int) -> str:
     layout = domain.layout
     assert isinstance(layout, TouchLayout)
     places = [divmod(int(cell), layout.shape[1]) for cell in layout.places[y]]
-    return ", ".join(
-        f"{name} into row {row}, column {column}" for name, (row, column) in zip(layout.objects, places, strict=True)
-    ) + " (counted from 0, as the bench is marked)"
+    return (
+        ", ".join(
+            f"{name} into row {row}, column {column}"
+            for name, (row, column) in zip(layout.objects, places, strict=True)
+        )
+        + " (counted from 0, as the bench is marked)"
+    )

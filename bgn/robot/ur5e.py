@@ -177,7 +177,9 @@ class UR5e:
     def _check_tool(self) -> None:
         tool = self._call("read_tool")
         if np.abs(np.array(tool) - np.array(self.lab.arm.tcp)).max() > 1e-6:
-            raise PreflightError(f"the controller's tool centre is {np.round(tool, 4)}, not {self.lab.arm.tcp}")
+            raise PreflightError(
+                f"the controller's tool centre is {np.round(tool, 4)}, not {self.lab.arm.tcp}"
+            )
 
     def kill(self) -> None:
         """End the worker at once, whatever it is doing."""
@@ -251,7 +253,9 @@ class UR5e:
         if not 0 < speed <= arm.speed_cap:
             raise MotionError(f"a speed of {speed} m/s is not in 0..{arm.speed_cap}")
         goal = self.lab.flange(pose)
-        path = paths.line(kinematics.forward(self.joints()), goal, self.joints(), speed, arm.acceleration, 0.05)
+        path = paths.line(
+            kinematics.forward(self.joints()), goal, self.joints(), speed, arm.acceleration, 0.05
+        )
         if path is None or not kinematics.within_limits(path):
             raise MotionError(f"the straight line to {np.round(pose[:3], 3)} leaves what the arm can reach")
         self._check_windows(pose, path)
@@ -259,14 +263,18 @@ class UR5e:
             raise MotionError(f"the controller's safety limits do not allow the pose {np.round(pose, 3)}")
         distance = float(np.linalg.norm(pose[:3] - self.pose()[:3]))
         self.log.event("move_line", f"{np.round(pose, 5).tolist()} at {speed} m/s")
-        self._supervise("move_line", [float(value) for value in pose], speed, arm.acceleration, distance / speed)
+        self._supervise(
+            "move_line", [float(value) for value in pose], speed, arm.acceleration, distance / speed
+        )
         self._verify(pose)
 
     def _check_windows(self, pose: Floats, path: Floats) -> None:
         if self.station is None:
             return
         if not self.station.contains(pose[:3]):
-            raise MotionError(f"the target {np.round(pose[:3], 3)} is outside the workspace {self.station.workspace}")
+            raise MotionError(
+                f"the target {np.round(pose[:3], 3)} is outside the workspace {self.station.workspace}"
+            )
         away = np.abs(path - np.array(self.station.near)).max(axis=0)
         if away.max() > self.station.window:
             raise MotionError(
@@ -285,7 +293,9 @@ class UR5e:
             raise MotionError(f"the controller's safety limits do not allow the joints {np.round(joints, 3)}")
         self.log.event("move_joints", f"{np.round(joints, 5).tolist()} at {arm.joint_speed} rad/s")
         angles = [float(value) for value in joints]
-        self._supervise("move_joints", angles, arm.joint_speed, arm.joint_acceleration, turn / arm.joint_speed)
+        self._supervise(
+            "move_joints", angles, arm.joint_speed, arm.joint_acceleration, turn / arm.joint_speed
+        )
         self._verify(pose)
 
     def zero_force(self) -> None:
@@ -335,7 +345,9 @@ class UR5e:
         if moved > SAME_PLACE:
             raise MotionError(f"a joint moved by {moved:.3f} rad while the protective stop was unlocked")
 
-    def _supervise(self, command: str, target: list[float], speed: float, acceleration: float, takes: float) -> None:
+    def _supervise(
+        self, command: str, target: list[float], speed: float, acceleration: float, takes: float
+    ) -> None:
         self.abort.check()
         self._check_safety()
         self._too_much_force = ""
@@ -458,5 +470,6 @@ class UR5e:
 def check_extra() -> None:
     """Raise MissingExtraError unless ``ur_rtde`` is installed."""
     if importlib.util.find_spec("rtde_control") is None:
-        raise MissingExtraError("ur_rtde is not installed; it comes with the extra: pip install -e '.[robot]'")
-
+        raise MissingExtraError(
+            "ur_rtde is not installed; it comes with the extra: pip install -e '.[robot]'"
+        )

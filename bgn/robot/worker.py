@@ -132,13 +132,17 @@ class _Worker:
         if self._guarding and pushing > self._settings.force_limit:
             self._guarding = False
             self._commands.put((-1, "stop", ()))
-            self._send("event", "force", f"{pushing:.1f} N at the tool, the limit is {self._settings.force_limit} N")
+            self._send(
+                "event", "force", f"{pushing:.1f} N at the tool, the limit is {self._settings.force_limit} N"
+            )
 
     def _read_pipe(self) -> None:
         try:
             while self._pipe.poll():
                 number, command, arguments = self._pipe.recv()
-                self._guarding = command in ("move_line", "move_joints") or (self._guarding and command != "stop")
+                self._guarding = command in ("move_line", "move_joints") or (
+                    self._guarding and command != "stop"
+                )
                 self._commands.put((number, command, arguments))
         except (EOFError, OSError):  # the parent is gone: leave nothing moving behind
             self._control.stopL(self._settings.stop_deceleration, True)
@@ -166,7 +170,9 @@ class _Worker:
             "move_joints": lambda q, speed, acceleration: control.moveJ(q, speed, acceleration, True),
             "stop": lambda: control.stopL(self._settings.stop_deceleration, True),
             "zero_force": control.zeroFtSensor,
-            "set_tool": lambda tcp, payload, centre: control.setTcp(tcp) and control.setPayload(payload, centre),
+            "set_tool": lambda tcp, payload, centre: (
+                control.setTcp(tcp) and control.setPayload(payload, centre)
+            ),
             "read_tool": control.getTCPOffset,
             "pose_is_safe": control.isPoseWithinSafetyLimits,
             "start_watchdog": self._start_watchdog,

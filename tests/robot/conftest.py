@@ -66,7 +66,9 @@ class Evaluation:
     def __init__(self, twin: TwinProcess, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
         self.twin, self.folder, self._capsys = twin, folder, capsys
 
-    def run(self, *options: str, faults: tuple[str, ...] = (), scale: float = 1.0, operator: bool = True) -> Outcome:
+    def run(
+        self, *options: str, faults: tuple[str, ...] = (), scale: float = 1.0, operator: bool = True
+    ) -> Outcome:
         client = self.twin.client
         client.ask("heal")
         client.ask("scale", scale=scale)

@@ -70,7 +70,9 @@ def at_rest(twin: TwinProcess, travel: float) -> None:
         ("freeze=3", STALE + 0.5, "no fresh data"),
     ],
 )
-def test_the_connection_fails_during_a_move(evaluation: Evaluation, fault: str, seconds: float, word: str) -> None:
+def test_the_connection_fails_during_a_move(
+    evaluation: Evaluation, fault: str, seconds: float, word: str
+) -> None:
     outcome = evaluation.run(faults=(fault + MID_STEP,))
     check(outcome, ConnectionLostError, word)
     at_rest(evaluation.twin, SPEED * (seconds + 0.15))
@@ -126,7 +128,11 @@ def test_the_arm_is_stopped_or_blocked(
 
 @pytest.mark.parametrize(
     ("fault", "word"),
-    [("local", "remote control is 'false'"), ("fieldbus", "already in use"), ("protective-stop", "PROTECTIVE_STOP")],
+    [
+        ("local", "remote control is 'false'"),
+        ("fieldbus", "already in use"),
+        ("protective-stop", "PROTECTIVE_STOP"),
+    ],
 )
 def test_the_controller_is_not_ready(evaluation: Evaluation, fault: str, word: str) -> None:
     outcome = evaluation.run(faults=(fault,))
@@ -141,19 +147,25 @@ def test_old_firmware_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[s
         # Changing the bench would build a new controller, so the command is run without it.
         from bgn.__main__ import main
 
-        code = main(["robot", "evaluate", "--host", old.host, "--task", "two-bumps-1d", "--out", str(tmp_path)])
+        code = main(
+            ["robot", "evaluate", "--host", old.host, "--task", "two-bumps-1d", "--out", str(tmp_path)]
+        )
     assert code == PreflightError.exit_code
     assert "PolyScope is '5.3.1.0' instead of '5.4+'" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("fault", ["gripper-lost=3", "gripper-garbled=3", "gripper-duplicate=30", "gripper-late=0.02"])
+@pytest.mark.parametrize(
+    "fault", ["gripper-lost=3", "gripper-garbled=3", "gripper-duplicate=30", "gripper-late=0.02"]
+)
 def test_a_bad_line_to_the_gripper_is_borne(evaluation: Evaluation, fault: str) -> None:
     outcome = evaluation.run(faults=(fault + "@5+0.2",), scale=4)
     assert outcome.code == 0, outcome.said
     assert outcome.last.outcome == "success"
 
 
-@pytest.mark.parametrize(("fault", "word"), [("gripper-dead", "does not answer"), ("gripper-garbled=99", "does not answer")])
+@pytest.mark.parametrize(
+    ("fault", "word"), [("gripper-dead", "does not answer"), ("gripper-garbled=99", "does not answer")]
+)
 def test_a_dead_gripper_ends_the_episode(evaluation: Evaluation, fault: str, word: str) -> None:
     outcome = evaluation.run(faults=(fault + MID_STEP,))
     check(outcome, GripperError, word)

@@ -102,4 +102,3 @@ class TwinProcess:
             self._process.wait()
         assert self._process.stdout is not None
         self._process.stdout.close()
-

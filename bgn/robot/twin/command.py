@@ -12,7 +12,7 @@ from pathlib import Path
 
 from bgn.robot import lab as laboratory
 from bgn.robot.errors import RobotError
-from bgn.robot.network import TWIN_HOST
+from bgn.robot.network import TWIN_HOST, check_twin_host
 from bgn.robot.twin import faults
 
 
@@ -33,6 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Serve until Ctrl-C, SIGTERM or the control socket says stop."""
+    check_twin_host(arguments.host)
     from bgn.robot.twin.server import Twin  # loads MuJoCo
 
     lab = laboratory.load(arguments.lab)
@@ -49,7 +50,9 @@ def run(arguments: argparse.Namespace) -> int:
             twin.arm(fault)
         if arguments.window:
             twin.show()
-        await twin.run(lambda: print(f"twin of a UR5e at {arguments.host}, task {arguments.task}", flush=True))
+        await twin.run(
+            lambda: print(f"twin of a UR5e at {arguments.host}, task {arguments.task}", flush=True)
+        )
 
     asyncio.run(serve())
     return 0

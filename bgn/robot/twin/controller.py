@@ -28,9 +28,7 @@ UNLOCK_AFTER: Final = 5.0  # s a protective stop cannot be unlocked
 HALT_DECELERATION: Final = 4.0  # rad/s^2 of a program that is stopped (assumed)
 STEADY: Final = 1e-4  # rad/s
 LOOKAHEAD: Final = 500  # steps of a speed command planned at a time
-LOCAL: Final = (
-    "Command is not allowed due to safety reasons, please switch robot to Remote Control mode and reconnect to port 29999"
-)
+LOCAL: Final = "Command is not allowed due to safety reasons, please switch robot to Remote Control mode and reconnect to port 29999"
 REAL_TIME: Final = frozenset({6, 9, 10, 11, 24, 25, 26, 27, 38, 58, 66, 67, 68, 69, 70, 71})
 
 
@@ -228,7 +226,9 @@ class Controller:
             47: lambda: self._answer_flag(self.steady),
             58: lambda: self._answer(kinematics.to_pose(self.plant.flange)),
             60: lambda: self._answer_flag(self._inverse(self._doubles(0, 6), self.plant.target) is not None),
-            61: lambda: self._answer_flag(self._inverse(self._doubles(0, 6), self._doubles(6, 6)) is not None),
+            61: lambda: self._answer_flag(
+                self._inverse(self._doubles(0, 6), self._doubles(6, 6)) is not None
+            ),
         }
 
     def _move(self, command: int) -> bool:

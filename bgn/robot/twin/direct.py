@@ -29,7 +29,9 @@ class DirectArm:
         """Move the hinge straight to a pose (6,)."""
         plant = self._plant
         start = kinematics.forward(plant.target)
-        path = paths.line(start, self._lab.flange(pose), plant.target, speed, self._lab.arm.acceleration, STEP)
+        path = paths.line(
+            start, self._lab.flange(pose), plant.target, speed, self._lab.arm.acceleration, STEP
+        )
         if path is None:
             raise MotionError(f"the straight line to {np.round(pose, 3)} leaves what the arm can reach")
         plant.follow(path)

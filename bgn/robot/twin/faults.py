@@ -59,7 +59,9 @@ def parse(text: str) -> Fault:
     """
     found = _PATTERN.fullmatch(text)
     if found is None or found[1] not in FAULTS:
-        raise UsageError(f"{text!r} is not a fault: NAME[=VALUE][@MOTION[+SECONDS]] with NAME of {', '.join(FAULTS)}")
+        raise UsageError(
+            f"{text!r} is not a fault: NAME[=VALUE][@MOTION[+SECONDS]] with NAME of {', '.join(FAULTS)}"
+        )
     default = FAULTS[found[1]][1]
     if found[2] and default is None:
         raise UsageError(f"the fault {found[1]!r} takes no value")

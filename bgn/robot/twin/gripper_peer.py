@@ -10,7 +10,12 @@ from typing import Final, cast
 from bgn.robot.twin.plant import Plant
 
 LONGEST: Final = 128  # bytes of a command
-PAIRED: Final = ("set_rdda_stiffness", "set_rdda_positions", "set_rdda_max_velocities", "set_rdda_max_efforts")
+PAIRED: Final = (
+    "set_rdda_stiffness",
+    "set_rdda_positions",
+    "set_rdda_max_velocities",
+    "set_rdda_max_efforts",
+)
 BARE: Final = (
     "init_rdda_stiffness", "home_rdda", "read_rdda_positions", "read_rdda_lower_bounds", "read_rdda_upper_bounds",
     "read_rdda_origins",

@@ -43,10 +43,16 @@ class Mounting:
 
 MOUNTINGS: Final = {
     "top-plate": Mounting(
-        (0, top_plate.HINGE_DISTANCE, 0), (0, -1, 0), {"finger": (-1, 0, 0)}, ((2.5, 0.1, 1.0), (0, 0.42, 0.5))
+        (0, top_plate.HINGE_DISTANCE, 0),
+        (0, -1, 0),
+        {"finger": (-1, 0, 0)},
+        ((2.5, 0.1, 1.0), (0, 0.42, 0.5)),
     ),
     "two-bumps-1d": Mounting(
-        (-0.56, 0, two_bumps_1d.HINGE_HEIGHT), (0, 0, -1), {"finger": (0, -1, 0)}, ((-0.5, -2.1, 1.3), (0, 0.1, 0.2))
+        (-0.56, 0, two_bumps_1d.HINGE_HEIGHT),
+        (0, 0, -1),
+        {"finger": (0, -1, 0)},
+        ((-0.5, -2.1, 1.3), (0, 0.1, 0.2)),
     ),
     "two-bumps-2d": Mounting(
         (-0.24, -0.24, two_bumps_2d.HINGE_HEIGHT),
@@ -180,9 +186,7 @@ def _add_finger(
         solref=[0.01, 1],
         material="dark",
     )
-    gripper.add_geom(
-        fitting, type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.02, 0, 0], material="accent", mass=0
-    )
+    gripper.add_geom(fitting, type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.02, 0, 0], material="accent", mass=0)
     finger = gripper.add_body(
         name="finger",
         gravcomp=1,

@@ -253,9 +253,13 @@ class Plant:
     def block(self, ahead: float) -> None:
         """Put a wall that far ahead of the gripper along its motion; without motion, beside it along the first axis."""
         speed = self.tool_speed()[:3]
-        along = speed / np.linalg.norm(speed) if np.linalg.norm(speed) > 1e-3 else np.array(self.station.axes[0])
+        along = (
+            speed / np.linalg.norm(speed) if np.linalg.norm(speed) > 1e-3 else np.array(self.station.axes[0])
+        )
         turn = self.data.xmat[self._arm].reshape(3, 3)
-        self.data.mocap_pos[self._wall] = self.data.geom("housing").xpos + turn @ along * (ahead + 0.02 + 0.028)
+        self.data.mocap_pos[self._wall] = self.data.geom("housing").xpos + turn @ along * (
+            ahead + 0.02 + 0.028
+        )
 
     def unblock(self) -> None:
         """Take the wall away."""

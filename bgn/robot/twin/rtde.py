@@ -279,7 +279,11 @@ class Connection(asyncio.Protocol):
     def send(self) -> None:
         """Send a data package if one is due; a client that does not read misses packages."""
         package = self.session.package()
-        if package is not None and self.transport is not None and self.transport.get_write_buffer_size() < BACKLOG:
+        if (
+            package is not None
+            and self.transport is not None
+            and self.transport.get_write_buffer_size() < BACKLOG
+        ):
             self.transport.write(package)
 
 

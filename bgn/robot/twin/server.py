@@ -16,7 +16,7 @@ import numpy as np
 
 from bgn.robot.errors import RobotError, UsageError
 from bgn.robot.lab import Lab
-from bgn.robot.network import CONTROL_PORT, DASHBOARD_PORT, RTDE_PORT, SCRIPT_PORT, is_loopback
+from bgn.robot.network import CONTROL_PORT, DASHBOARD_PORT, RTDE_PORT, SCRIPT_PORT, check_twin_host
 from bgn.robot.twin import faults, rtde, text
 from bgn.robot.twin.controller import Controller
 from bgn.robot.twin.faults import Fault
@@ -48,9 +48,7 @@ class Twin:
     """
 
     def __init__(self, lab: Lab, task: str, host: str, *, scale: float = 1.0, seed: int = 0) -> None:
-        if not is_loopback(host):
-            raise UsageError(f"{host}: the twin listens on loopback addresses only, such as 127.0.0.2")
-        self.lab, self.host, self.scale, self._seed = lab, host, scale, seed
+        self.lab, self.host, self.scale, self._seed = lab, check_twin_host(host), scale, seed
         self._observer: Callable[[Plant], None] | None = None
         self._build(task)
         self._servers: list[asyncio.Server] = []
@@ -85,7 +83,9 @@ class Twin:
             )
             control = await asyncio.start_server(self._control, self.host, CONTROL_PORT, limit=CONTROL_LINE)
         except OSError as error:
-            raise UsageError(f"{self.host}: cannot listen ({error.strerror}); is another twin there?") from error
+            raise UsageError(
+                f"{self.host}: cannot listen ({error.strerror}); is another twin there?"
+            ) from error
         if ready is not None:
             ready()
         try:
@@ -218,7 +218,9 @@ class Twin:
             transport.resume_reading()
 
     def _transports(self) -> list[asyncio.Transport]:
-        mine = [connection.transport for connection in self.rtde.connections if connection.transport is not None]
+        mine = [
+            connection.transport for connection in self.rtde.connections if connection.transport is not None
+        ]
         return [*mine, *self.text.transports]
 
     async def heal(self) -> None:
