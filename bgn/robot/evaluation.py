@@ -17,7 +17,7 @@ from bgn.robot.errors import UsageError
 from bgn.robot.lab import Lab
 from bgn.robot.network import is_loopback
 from bgn.robot.operators import Automaton, Operator, console, scripted
-from bgn.robot.recording import SessionFolder, Start
+from bgn.robot.recording import SessionFolder, Start, rows
 from bgn.robot.session import Entrant, Session, enter, plan
 from bgn.robot.twin.client import TwinClient, TwinProcess
 from bgn.robot.ur5e import Abort, check_extra
@@ -187,7 +187,7 @@ def render(summary: pd.DataFrame) -> str:
     lines = [
         f"{'task':14} {'agent':12} {'evidence':8} {'success':>9} {'rate':>7} {'95 % interval':>15} {'length':>7}"
     ]
-    for row in summary.itertuples():
+    for row in rows(summary):
         interval = f"{100 * row.success_low:.1f}..{100 * row.success_high:.1f} %"
         count = f"{row.successes}/{row.episodes}"
         rate = f"{100 * row.success:.0f} %" if row.episodes else "-"

@@ -8,6 +8,7 @@ those that were recorded; how the finger bends and objects slide is the twin's p
 from __future__ import annotations
 
 import json
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
@@ -25,7 +26,7 @@ from bgn.robot.errors import UsageError
 from bgn.robot.kinematics import Floats
 from bgn.robot.lab import Lab
 from bgn.robot.moves import MOVES
-from bgn.robot.recording import FINISHED, SessionFolder, read_raw, read_steps
+from bgn.robot.recording import FINISHED, SessionFolder, read_raw, read_steps, rows
 from bgn.robot.session import enter
 from bgn.robot.twin.plant import STEP, Plant
 from bgn.simulation.belief_rules import next_belief, start_belief
@@ -61,10 +62,10 @@ def film_episode(episode: Path, out: Path | None = None, lab_path: Path | None =
 
 def beliefs(domain: Domain, steps: pd.DataFrame) -> list[Floats]:
     """Return the true belief (Y,) after each recorded step, from observed parts and actions alone."""
-    rows = list(steps.itertuples())
-    found = [start_belief(domain, int(rows[0].observed))]
-    for before, row in zip(rows, rows[1:], strict=False):
-        if row is rows[-1] and _ends(domain, row, len(rows) - 1):
+    taken = rows(steps)
+    found = [start_belief(domain, int(taken[0].observed))]
+    for before, row in pairwise(taken):
+        if row is taken[-1] and _ends(domain, row, len(taken) - 1):
             found.append(found[-1])  # what the last action led to is no observation
             continue
         found.append(
@@ -99,7 +100,7 @@ def _shoot(
     lab: Lab, about: dict[str, Any], steps: pd.DataFrame, raw: pd.DataFrame, policy: Policy
 ) -> list[Shot]:
     plant = Plant(lab, policy.domain.id)
-    camera = Camera(plant, *task_of(policy.domain.id).scene.view)
+    camera = Camera(plant, *task_of(policy.domain.id).make_scene(policy.domain).view)
     try:
         stage = _Stage(plant, camera, raw)
         return stage.shoot(about, steps, policy)
@@ -117,15 +118,15 @@ class _Stage:
         plant.observer = self._look
 
     def shoot(self, about: dict[str, Any], steps: pd.DataFrame, policy: Policy) -> list[Shot]:
-        domain, rows = policy.domain, list(steps.itertuples())
-        self._plant.place(int(rows[0].hidden))
+        domain, taken = policy.domain, rows(steps)
+        self._plant.place(int(taken[0].hidden))
         shots = []
         policy.reset()
         wall, last = -np.inf, None
-        for row, belief in zip(rows, beliefs(domain, steps), strict=True):
+        for row, belief in zip(taken, beliefs(domain, steps), strict=True):
             action = None if row.action < 0 else int(row.action)
             self._drive(domain, action, wall, float(row.wall))
-            wall, over = float(row.wall), row is rows[-1]
+            wall, over = float(row.wall), row is taken[-1]
             moment = _moment(domain, about, row, belief, over=over)
             if not over:
                 policy.act(int(row.observation), last if action is None else action)

@@ -239,7 +239,7 @@ class ArmFinger:
         self.gripper.set_positions(self._set_points())
 
     def _pair(self, stiffness: float) -> list[float]:
-        """The stiffness of the fingers this task reads, and that of the other one."""
+        """Return the stiffness of both fingers: of those this task reads, and of the other one."""
         return [stiffness if finger in self.station.fingers else self.lab.gripper.fixed for finger in (0, 1)]
 
     def _set_points(self) -> list[float]:

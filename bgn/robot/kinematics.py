@@ -56,7 +56,8 @@ def link(i: int, angle: ArrayLike) -> Floats:
 def inverse(transform: ArrayLike) -> Floats:
     """Return all joint solutions (..., 8, 6) of flange transforms (..., 4, 4), within ±pi; NaN where there is none.
 
-    The branches are in the order of ``SIGNS``. At a singular wrist (sin of wrist 2 is 0) a branch has no unique solution and is NaN.
+    The branches are in the order of ``SIGNS``. At a singular wrist (the sine of wrist 2 is 0) a branch has no unique
+    solution and is NaN.
     """
     T = np.asarray(transform, dtype=np.float64)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -110,8 +111,9 @@ def follow(transforms: ArrayLike, near: ArrayLike) -> Floats | None:
         branch = _branch(path, *SIGNS[int(np.nanargmin(gaps))])
     if np.isnan(branch).any():
         return None
-    joints: Floats = np.unwrap(branch, axis=0)
-    return joints + np.round((start - joints[0]) / (2 * np.pi)) * 2 * np.pi
+    joints = np.unwrap(branch, axis=0)
+    turned: Floats = joints + np.round((start - joints[0]) / (2 * np.pi)) * 2 * np.pi
+    return turned
 
 
 def condition(joints: ArrayLike) -> float:

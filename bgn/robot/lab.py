@@ -111,7 +111,8 @@ class Station(_Section):
 
     def hinge(self, coordinates: tuple[float, ...]) -> Floats:
         """Return the hinge's position (3,) at grid coordinates, one per axis."""
-        return np.array(self.origin) + self.pitch * (np.array(coordinates) @ np.array(self.axes))
+        position: Floats = np.array(self.origin) + self.pitch * (np.array(coordinates) @ np.array(self.axes))
+        return position
 
     def pose(self, coordinates: tuple[float, ...], *, retreat: bool = False) -> Floats:
         """Return the tool's pose (6,) at grid coordinates, or beside them where nothing is in the way."""

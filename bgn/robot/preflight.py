@@ -53,7 +53,7 @@ def check_station(lab: Lab, task: str) -> Reach:
     """
     station = lab.station(task)
     tour = lap(station)
-    joints = []
+    joints: list[Floats] = []
     for cell in tour:
         for pose in (station.pose(cell), station.pose(cell, retreat=True)):
             if not station.contains(pose[:3]):

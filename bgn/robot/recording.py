@@ -165,7 +165,7 @@ class SessionFolder:
         """Return (task, number) of the episodes that came to their end."""
         table = self.episodes()
         done = table[table.outcome.isin(FINISHED)] if len(table) else table
-        return {(str(row.task), int(row.number)) for row in done.itertuples()}
+        return {(str(row.task), int(row.number)) for row in rows(done)}
 
     def save_summary(self, table: pd.DataFrame) -> None:
         """Write the summary."""
@@ -185,6 +185,11 @@ def read_events(episode: Path) -> pd.DataFrame:
 def read_steps(episode: Path) -> pd.DataFrame:
     """Return the steps of an episode's folder."""
     return pd.read_parquet(episode / "steps.parquet")
+
+
+def rows(table: pd.DataFrame) -> list[Any]:
+    """Return a table's rows, each with its columns as attributes."""
+    return list(table.itertuples())
 
 
 def _read(episode: Path, kind: str) -> pd.DataFrame:

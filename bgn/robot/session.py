@@ -10,8 +10,9 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
@@ -95,7 +96,7 @@ class _Logs:
     def __init__(self) -> None:
         self.recording: Recording | None = None
 
-    def samples(self, rows: Sequence[Row]) -> None:
+    def samples(self, rows: Iterable[Row]) -> None:
         if self.recording is not None:
             self.recording.samples(rows)
 
@@ -253,7 +254,7 @@ class Session:
             tour = preflight.lap(station)
             first = tour[0]
             finger.begin_at(first)
-            for before, cell in zip(tour, tour[1:], strict=False):
+            for before, cell in pairwise(tour):
                 axis = int(np.flatnonzero(np.subtract(cell, before))[0])
                 angle = finger.step_to(cell, axis)
                 recording.step(cell=str(cell), angle=angle)
@@ -274,7 +275,7 @@ class Session:
         away = np.abs(self._arm.joints() - goal).max()
         if away > station.window + NEAR_STATION:
             raise MotionError(
-                f"{task}: a joint is {away:.2f} rad from the station; bring the arm near {np.round(goal, 2)} by hand first"
+                f"{task}: a joint is {away:.2f} rad from the station; bring the arm near {np.round(goal, 2)} by hand"
             )
         self._arm.move_joints(goal)
         self._arm.station = station

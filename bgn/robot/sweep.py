@@ -20,6 +20,7 @@ from bgn.robot import lab as laboratory
 from bgn.robot.errors import RobotError, UsageError
 from bgn.robot.evaluation import PUBLISHED, ROOT
 from bgn.robot.lab import Lab
+from bgn.robot.recording import rows
 from bgn.robot.session import Entrant, enter
 from bgn.robot.statistics import clopper_pearson
 from bgn.robot.twin.direct import direct_finger
@@ -51,8 +52,8 @@ def sweep(
     base = laboratory.load(lab)
     entrants = [enter(task, ROOT / PUBLISHED.format(task=task)) for task in tasks]
     points = [(entrant, gap, value) for entrant in entrants for gap in wanted for value in GAPS[gap]]
-    rows = [measure(base, *point, episodes) for point in track(points, "sweeping")]
-    table = pd.DataFrame(rows)
+    points_measured = [measure(base, *point, episodes) for point in track(points, "sweeping")]
+    table = pd.DataFrame(points_measured)
     out.parent.mkdir(parents=True, exist_ok=True)
     table.to_parquet(out, index=False)
     print(render(table))
@@ -103,6 +104,6 @@ def render(table: pd.DataFrame) -> str:
     for (domain, gap), part in table.groupby(["domain", "gap"], sort=False):
         borne = part[(part.success >= BORNE).cummin()]
         widest = f"{borne.value.max():g}" if len(borne) else "none"
-        points = "  ".join(f"{row.value:g}: {100 * row.success:.0f} %" for row in part.itertuples())
+        points = "  ".join(f"{row.value:g}: {100 * row.success:.0f} %" for row in rows(part))
         lines.append(f"{domain:14} {gap:16} borne up to {widest:6} | {points}")
     return "\n".join(lines)

@@ -28,7 +28,14 @@ UNLOCK_AFTER: Final = 5.0  # s a protective stop cannot be unlocked
 HALT_DECELERATION: Final = 4.0  # rad/s^2 of a program that is stopped (assumed)
 STEADY: Final = 1e-4  # rad/s
 LOOKAHEAD: Final = 500  # steps of a speed command planned at a time
-LOCAL: Final = "Command is not allowed due to safety reasons, please switch robot to Remote Control mode and reconnect to port 29999"
+LOCAL: Final = (
+    "Command is not allowed due to safety reasons, please switch robot to Remote Control mode "
+    "and reconnect to port 29999"
+)
+TOO_EARLY: Final = (
+    "Cannot unlock protective stop until 5s after occurrence. "
+    "Always inspect cause of protective stop before unlocking"
+)
 REAL_TIME: Final = frozenset({6, 9, 10, 11, 24, 25, 26, 27, 38, 58, 66, 67, 68, 69, 70, 71})
 
 
@@ -235,10 +242,7 @@ class Controller:
         target, speed, acceleration = self._doubles(0, 6), self._double(6), self._double(7)
         if speed <= 0 or acceleration <= 0:
             raise ScriptError("speed and acceleration must be positive")
-        if command in (2, 3):
-            joints = self._solution(target, self.plant.target)
-        else:
-            joints = target
+        joints = self._solution(target, self.plant.target) if command in (2, 3) else target
         speed *= self.speed_fraction
         if command in (1, 2):
             path: Floats | None = paths.joint_line(self.plant.target, joints, speed, acceleration, STEP)
@@ -383,7 +387,7 @@ class Controller:
         self.plant.halt()
 
     def release(self) -> None:
-        """What a person does at the robot after an emergency stop: unlock the button, power on, release brakes."""
+        """Do what a person does after an emergency stop: unlock the button, power on, release the brakes."""
         self.safety_mode, self.robot_mode = SAFETY_NORMAL, MODE_RUNNING
 
     @property
@@ -451,7 +455,7 @@ class Controller:
         if self.safety_mode != SAFETY_PROTECTIVE:
             return "No protective stop to unlock"
         if self._locked_for < UNLOCK_AFTER:
-            return "Cannot unlock protective stop until 5s after occurrence. Always inspect cause of protective stop before unlocking"
+            return TOO_EARLY
         self.safety_mode = SAFETY_NORMAL
         if not self.resumes_paused:
             self.program, self.runtime = None, STOPPED

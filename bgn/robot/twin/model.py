@@ -93,7 +93,7 @@ def scene_axes(station: Station, mounting: Mounting) -> Floats:
     """Return the scene's axes (3, 3) as columns in the controller's base frame."""
     points = Rotation.from_rotvec(station.orientation).as_matrix()[:, 2]
     axes = np.array(station.axes)
-    if mounting.points == (0, -1, 0):
+    if mounting.points[2] == 0:  # a horizontal finger that goes up and down
         up, depth = axes[0], -points
         return np.stack([np.cross(depth, up), depth, up], axis=1)
     up = -points
@@ -248,8 +248,8 @@ def _aim_camera(spec: mujoco.MjSpec, mounting: Mounting) -> None:
     """Look at the whole arm instead of at the finger only."""
     eye, at = (np.array(point, dtype=np.float64) for point in mounting.camera)
     back = (eye - at) / np.linalg.norm(eye - at)
-    right = np.cross((0, 0, 1), back)
-    right /= np.linalg.norm(right)
+    right = np.cross(np.array([0.0, 0.0, 1.0]), back)
+    right = right / np.linalg.norm(right)
     camera = spec.camera(CAMERA)
     camera.pos, camera.fovy = eye, FIELD_OF_VIEW
     camera.quat = _quaternion(np.stack([right, np.cross(back, right), back], axis=1))

@@ -9,6 +9,7 @@ import numpy as np
 
 from bgn.domains import two_bumps_1d as bumps_1d
 from bgn.domains import two_bumps_2d as bumps_2d
+from bgn.domains.top_plate import PLATES
 from bgn.physics import top_plate as plates_scene
 from bgn.physics import two_bumps_1d as scene_1d
 from bgn.physics import two_bumps_2d as scene_2d
@@ -40,7 +41,7 @@ class Plates:
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         self._model = model
-        self._geoms = [model.geom(f"plate-{level}").id for level in range(1, plates_scene.PLATES + 1)]
+        self._geoms = [model.geom(f"plate-{level}").id for level in range(1, PLATES + 1)]
         self.clear()
 
     def count(self) -> int:
