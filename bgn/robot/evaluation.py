@@ -55,17 +55,18 @@ def evaluate(request: Request, *, execute: bool) -> float:
     RobotError
         Whatever ended it; its exit code says what.
     """
-    lab = _laboratory(request)
+    about = {} if request.resume is None else SessionFolder(request.resume).about()
+    lab = _laboratory(request, about)
     if request.episodes < 1:
         raise UsageError(f"--episodes {request.episodes}: at least 1 is needed")
     if not is_loopback(request.host) and (request.twin_operator or not request.lap):
         raise UsageError(
             "--twin-operator and --no-lap are for the twin; a real robot has a person and a first lap"
         )
-    speed = lab.arm.speed if request.speed is None else request.speed
+    speed = request.speed or about.get("speed") or lab.arm.speed
     if not 0 < speed <= lab.arm.speed_cap:
         raise UsageError(f"--speed {speed}: not in 0..{lab.arm.speed_cap} m/s")
-    folder, starts, policies = _session(request)
+    folder, starts, policies = _session(request, about)
     entrants = {task: enter(task, policies[task]) for task in dict.fromkeys(start.task for start in starts)}
     print(preflight.describe_plan(lab, starts, speed))
     if not execute:
@@ -118,8 +119,10 @@ def _run(
     return float(table.success.min())
 
 
-def _laboratory(request: Request) -> Lab:
-    lab = laboratory.load(request.lab)
+def _laboratory(request: Request, about: dict[str, Any]) -> Lab:
+    """Return the laboratory: that of the session to go on with, unless another one was asked for."""
+    resumed = about and request.lab is None
+    lab = Lab.model_validate(about["lab"]) if resumed else laboratory.load(request.lab)
     if request.stale_after is not None:
         if not 0.05 <= request.stale_after <= 1.0:
             raise UsageError(f"--stale-after {request.stale_after}: not in 0.05..1 s")
@@ -127,11 +130,10 @@ def _laboratory(request: Request) -> Lab:
     return lab
 
 
-def _session(request: Request) -> tuple[SessionFolder, list[Start], dict[str, Path]]:
+def _session(request: Request, about: dict[str, Any]) -> tuple[SessionFolder, list[Start], dict[str, Path]]:
     """Return folder, episodes and policies: of a new session, or of one to go on with."""
     if request.resume is not None:
         folder = SessionFolder(request.resume)
-        about = folder.about()
         starts = [Start(**start) for start in about["plan"]]
         return folder, starts, {task: Path(entry["path"]) for task, entry in about["policies"].items()}
     folder = SessionFolder(request.out or ROOT / "results" / "robot" / time.strftime("%Y-%m-%dT%H-%M-%S"))

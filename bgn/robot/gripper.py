@@ -94,7 +94,10 @@ class RddaGripper:
         return _pair(lower), _pair(self._ask("read_rdda_upper_bounds", _LIST))
 
     def poll(self) -> None:
-        """Take a reading in without waiting: for the recording, while the arm moves."""
+        """Take a reading in without waiting: for the recording, while the arm moves. Never raises.
+
+        What is wrong with the gripper is said by the next command that needs an answer.
+        """
         now = time.monotonic()
         while (reply := self._receive(0.0)) is not None:
             found = _PAIR.fullmatch(reply)
@@ -104,7 +107,8 @@ class RddaGripper:
                     self.heard(_pair(found))
         if now - self._asked > POLL_AGAIN:
             self._asked = now
-            self._send("read_rdda_positions")
+            with contextlib.suppress(GripperError):
+                self._send("read_rdda_positions")
 
     def close(self) -> None:
         """Close the socket."""

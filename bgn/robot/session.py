@@ -215,10 +215,10 @@ class Session:
 
     def _leave(self) -> None:
         """Leave nothing moving and nothing stiff, whatever has happened."""
+        self._arm.close()
         if self._finger is not None:
             with contextlib.suppress(RobotError):
                 self._finger.rest()
-        self._arm.close()
 
     # -- one task -------------------------------------------------------------------------------------------
 

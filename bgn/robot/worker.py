@@ -93,7 +93,7 @@ class _Worker:
         last_time, changed, sent = -1.0, time.monotonic(), time.monotonic()
         while True:
             now = time.monotonic()
-            if not self._receive.isConnected():
+            if not (self._receive.isConnected() and self._control.isConnected()):
                 self._give_up("the robot closed the connection")
             stamp = self._receive.getTimestamp()
             if stamp != last_time:

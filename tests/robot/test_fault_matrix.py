@@ -6,8 +6,11 @@ message, the episode is marked, and nothing that was recorded is lost. ``nox -s 
 
 from __future__ import annotations
 
+import json
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -96,6 +99,29 @@ def test_the_worker_is_killed_during_a_move(evaluation: Evaluation) -> None:
     moved = outcome.raw().iloc[-1]
     tool = evaluation.twin.client.ask("state")["tool"]
     assert abs(tool[1] - moved.y) < SPEED * 0.25
+
+
+def test_the_evaluation_itself_is_killed_during_a_move(twin: TwinProcess, tmp_path: Path) -> None:
+    """Nobody is left to stop the arm but the worker, which sees that its parent is gone."""
+    client = twin.client
+    client.ask("heal")
+    client.ask("scale", scale=1)
+    client.ask("task", task="two-bumps-1d")
+    options = ["--execute", "--no-lap", "--task", "two-bumps-1d", "--episodes", "1", "--seed", "1", "--twin-operator"]
+    command = [sys.executable, "-m", "bgn", "robot", "evaluate", "--host", twin.host, "--out", str(tmp_path), *options]
+    process = subprocess.Popen([*command, "--stale-after", str(STALE)], stdout=subprocess.DEVNULL)
+    try:
+        while client.ask("state")["motions"] < 6:
+            assert process.poll() is None
+            time.sleep(0.02)
+        time.sleep(0.4)
+        before = client.ask("state")["tool"]
+    finally:
+        process.kill()
+        process.wait()
+    after = client.wait_for_rest()["tool"]
+    assert abs(after[1] - before[1]) < SPEED * 0.25
+    assert json.loads(next(tmp_path.glob("episodes/*/episode.json")).read_text())["outcome"] == "incomplete"
 
 
 def _run_beside(evaluation: Evaluation, thread: threading.Thread, *options: str) -> Outcome:
@@ -241,7 +267,7 @@ def test_a_protective_stop_is_unlocked_by_the_operator_only(
         return plain(self, question, choices)
 
     monkeypatch.setattr(operators.Automaton, "choose", choose)
-    outcome = evaluation.run(faults=("protective-stop" + MID_STEP,))
+    outcome = evaluation.run(faults=("protective-stop" + MID_STEP,), scale=4)
     assert outcome.code == 0, outcome.said
     assert outcome.episodes.outcome.tolist() == ["protective-stop", "success"]
     assert len(asked) == 1
