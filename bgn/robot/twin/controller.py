@@ -92,9 +92,12 @@ class Controller:
 
     # -- time -----------------------------------------------------------------------------------------------
 
-    def advance(self, steps: int, wall: float) -> None:
-        """Let ``steps`` control cycles and ``wall`` seconds of real time pass."""
-        self._silence += wall
+    def advance(self, steps: int, wall: float, listening: float | None = None) -> None:
+        """Let ``steps`` control cycles and ``wall`` seconds of real time pass.
+
+        During ``listening`` seconds of them (by default all) a client's messages would have been heard.
+        """
+        self._silence += wall if listening is None else listening
         self._locked_for += wall
         self._watch()
         self._run_script()

@@ -130,14 +130,15 @@ class Twin:
             due = max(due + TICK, time.monotonic() - TICK)
             await asyncio.sleep(max(0.0, due - time.monotonic()))
             now = time.monotonic()
-            wall, last = min(now - last, LONGEST_TICK), now
+            passed, last = now - last, now
+            wall = min(passed, LONGEST_TICK)
             owed += wall * self.scale
             steps = int(owed / STEP)
             owed -= steps * STEP
             if self._frozen_until and now > self._frozen_until:
                 self._thaw()
             self._strike()
-            self.controller.advance(steps, wall)
+            self.controller.advance(steps, passed, listening=wall)
             self._measure()
             self.rtde.send()
             if self._observer is not None:
