@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import pandas as pd
 
-import bgn
+from bgn.results.provenance import environment
 from bgn.robot import lab as laboratory
 from bgn.robot import preflight
 from bgn.robot.dashboard import Dashboard
@@ -18,11 +18,10 @@ from bgn.robot.lab import Lab
 from bgn.robot.network import is_loopback
 from bgn.robot.operators import Automaton, Operator, console, scripted
 from bgn.robot.recording import SessionFolder, Start, rows
-from bgn.robot.session import Entrant, Session, enter, plan
+from bgn.robot.session import ROOT, Entrant, Session, enter, plan
 from bgn.robot.twin.client import TwinClient, TwinProcess
 from bgn.robot.ur5e import Abort, check_extra
 
-ROOT: Final = Path(bgn.__file__).parents[1]
 #: Trained with the paper's budget; seed 0 of each task.
 PUBLISHED: Final = "results/published/paper/calibrated/policies/{task}/ah-ch+bgn/seed-0.safetensors"
 
@@ -135,7 +134,7 @@ def _session(request: Request, about: dict[str, Any]) -> tuple[SessionFolder, li
     if request.resume is not None:
         folder = SessionFolder(request.resume)
         starts = [Start(**start) for start in about["plan"]]
-        return folder, starts, {task: Path(entry["path"]) for task, entry in about["policies"].items()}
+        return folder, starts, {task: ROOT / entry["path"] for task, entry in about["policies"].items()}
     folder = SessionFolder(request.out or ROOT / "results" / "robot" / time.strftime("%Y-%m-%dT%H-%M-%S"))
     policies = {task: ROOT / PUBLISHED.format(task=task) for task in request.tasks}
     for given in request.policies:
@@ -155,10 +154,11 @@ def _about(
         "speed": speed,
         "seed": request.seed,
         "policies": {
-            task: {"path": str(entrant.path), "sha256": entrant.digest} for task, entrant in entrants.items()
+            task: {"path": entrant.place, "sha256": entrant.digest} for task, entrant in entrants.items()
         },
         "plan": [vars(start) for start in starts],
         "lab": lab.model_dump(),
+        "computed_with": dict(environment()),
     }
 
 

@@ -27,7 +27,7 @@ from bgn.robot.kinematics import Floats
 from bgn.robot.lab import Lab
 from bgn.robot.moves import MOVES
 from bgn.robot.recording import FINISHED, SessionFolder, read_raw, read_steps, rows
-from bgn.robot.session import enter
+from bgn.robot.session import ROOT, enter
 from bgn.robot.twin.plant import STEP, Plant
 from bgn.simulation.belief_rules import next_belief, start_belief
 
@@ -48,7 +48,7 @@ def film_episode(episode: Path, out: Path | None = None, lab_path: Path | None =
     about = _about(episode)
     session = SessionFolder(episode.parent.parent).about()
     entry = session["policies"][about["task"]]
-    entrant = enter(about["task"], Path(entry["path"]))
+    entrant = enter(about["task"], ROOT / entry["path"])
     if entrant.digest != entry["sha256"]:
         raise UsageError(f"{entry['path']} is not the policy of this recording any more")
     lab = Lab.model_validate(session["lab"]) if lab_path is None else laboratory.load(lab_path)

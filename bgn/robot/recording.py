@@ -205,7 +205,7 @@ def _read_parts(folder: Path, kind: str) -> pd.DataFrame:
 
 def _write_table(path: Path, table: pd.DataFrame) -> None:
     partial = path.with_suffix(".partial")
-    table.to_parquet(partial, index=False)
+    table.to_parquet(partial, index=False, compression="zstd")
     os.replace(partial, path)
 
 

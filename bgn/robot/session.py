@@ -19,6 +19,7 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
+import bgn
 from bgn import domains
 from bgn.domains.domain import Domain
 from bgn.domains.layout import TouchLayout
@@ -48,6 +49,7 @@ from bgn.robot.statistics import clopper_pearson
 from bgn.robot.ur5e import Abort, UR5e
 from bgn.robot.worker import Row
 
+ROOT: Final = Path(bgn.__file__).resolve().parents[1]
 NEAR_STATION: Final = 0.8  # rad a joint may be from a station's middle before the arm drives there by itself
 RETRY: Final = {"retry": "begin this episode again", "stop": "end the session"}
 
@@ -61,6 +63,12 @@ class Entrant:
     path: Path
     digest: str
     """SHA-256 of its file."""
+
+    @property
+    def place(self) -> str:
+        """Where its file is: from the repository's root if it lies in the repository."""
+        path = self.path.resolve()
+        return str(path.relative_to(ROOT) if path.is_relative_to(ROOT) else path)
 
 
 def enter(task: str, path: Path) -> Entrant:
@@ -432,7 +440,7 @@ class Session:
                 "success_high": high,
                 "length": float(done.steps.mean()) if len(done) else float("nan"),
                 "interrupted": len(mine) - len(done),
-                "policy": str(entrant.path),
+                "policy": entrant.place,
                 "policy_sha256": entrant.digest,
                 "serial": self.serial,
                 "polyscope": ".".join(map(str, self.version)),

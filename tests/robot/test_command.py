@@ -12,8 +12,8 @@ import pytest
 from bgn.__main__ import main
 from bgn.robot import lab, network
 from bgn.robot.errors import MissingExtraError, RobotError, UsageError
-from bgn.robot.evaluation import PUBLISHED, ROOT
-from bgn.robot.session import enter, plan
+from bgn.robot.evaluation import PUBLISHED
+from bgn.robot.session import ROOT, enter, plan
 
 
 @pytest.fixture

@@ -70,7 +70,7 @@ def at_rest(twin: TwinProcess, travel: float) -> None:
         ("reset", 0.1, "closed the connection"),
         ("refuse", 0.5, "closed the connection"),  # nobody hears "stop": the watchdog does it
         ("mute", STALE + 0.1, "no fresh data"),
-        ("freeze=3", STALE + 0.5, "no fresh data"),
+        ("freeze=3", 0.5, "no fresh data"),
     ],
 )
 def test_the_connection_fails_during_a_move(
@@ -107,8 +107,29 @@ def test_the_evaluation_itself_is_killed_during_a_move(twin: TwinProcess, tmp_pa
     client.ask("heal")
     client.ask("scale", scale=1)
     client.ask("task", task="two-bumps-1d")
-    options = ["--execute", "--no-lap", "--task", "two-bumps-1d", "--episodes", "1", "--seed", "1", "--twin-operator"]
-    command = [sys.executable, "-m", "bgn", "robot", "evaluate", "--host", twin.host, "--out", str(tmp_path), *options]
+    options = [
+        "--execute",
+        "--no-lap",
+        "--task",
+        "two-bumps-1d",
+        "--episodes",
+        "1",
+        "--seed",
+        "1",
+        "--twin-operator",
+    ]
+    command = [
+        sys.executable,
+        "-m",
+        "bgn",
+        "robot",
+        "evaluate",
+        "--host",
+        twin.host,
+        "--out",
+        str(tmp_path),
+        *options,
+    ]
     process = subprocess.Popen([*command, "--stale-after", str(STALE)], stdout=subprocess.DEVNULL)
     try:
         while client.ask("state")["motions"] < 6:

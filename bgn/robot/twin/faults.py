@@ -22,7 +22,7 @@ FAULTS: Final[dict[str, tuple[str, float | None]]] = {
     "protective-stop": ("make a protective stop", None),
     "emergency-stop": ("press the emergency stop", None),
     "stop-program": ("stop the program, as somebody at the pendant would", None),
-    "wall": ("put a wall VALUE metres ahead of the gripper", 0.02),
+    "wall": ("put a padded wall VALUE metres ahead of the gripper", 0.02),
     "short": ("end the present motion at VALUE of what was left of it", 0.5),
     "local": ("switch to local mode", None),
     "fieldbus": ("let a fieldbus own the input registers", None),

@@ -24,6 +24,7 @@ STIFFNESS: Final = (2e4, 2e4, 1e4, 4e3, 4e3, 2e3)  # N m / rad, of the joints' p
 DAMPING: Final = (800.0, 800.0, 300.0, 80.0, 80.0, 40.0)
 ARMATURE: Final = 0.1
 WALL: Final = "wall"
+PADDED: Final = (0.4, 1.0)  # contact of wall and gripper: yields, as a tool's flange and a foam pad do
 ROBOT, WALL_BIT = 8, 4  # contact bits of the gripper's housing and of the wall
 
 
@@ -183,7 +184,7 @@ def _add_finger(
         mass=lab.arm.payload,
         contype=ROBOT,
         conaffinity=WALL_BIT,
-        solref=[0.01, 1],
+        solref=list(PADDED),
         material="dark",
     )
     gripper.add_geom(fitting, type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.02, 0, 0], material="accent", mass=0)
@@ -226,7 +227,7 @@ def _add_wall(spec: mujoco.MjSpec) -> None:
         size=[0.02, 0.02, 0.02],
         contype=WALL_BIT,
         conaffinity=ROBOT,
-        solref=[0.01, 1],
+        solref=list(PADDED),
         rgba=[0.8, 0.2, 0.2, 1],
     )
 
