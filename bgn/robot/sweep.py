@@ -12,7 +12,6 @@ from typing import Any, Final
 
 import numpy as np
 import pandas as pd
-from rich.progress import track
 
 from bgn.physics.tasks import task_of
 from bgn.physics.world import play
@@ -51,14 +50,24 @@ def sweep(
         raise UsageError(f"gaps are {', '.join(GAPS)}, not {', '.join(unknown)}; episodes at least 1")
     base = laboratory.load(lab)
     entrants = [enter(task, ROOT / PUBLISHED.format(task=task)) for task in tasks]
-    points = [(entrant, gap, value) for entrant in entrants for gap in wanted for value in GAPS[gap]]
-    points_measured = [measure(base, *point, episodes) for point in track(points, "sweeping")]
-    table = pd.DataFrame(points_measured)
+    table = pd.DataFrame(
+        [row for entrant in entrants for gap in wanted for row in widen(base, entrant, gap, episodes)]
+    )
     out.parent.mkdir(parents=True, exist_ok=True)
     table.to_parquet(out, index=False)
     print(render(table))
     print(out)
     return 0
+
+
+def widen(lab: Lab, entrant: Entrant, gap: str, episodes: int) -> Iterator[dict[str, Any]]:
+    """Widen one gap value by value until it is not borne any more."""
+    for value in GAPS[gap]:
+        row = measure(lab, entrant, gap, value, episodes)
+        print(f"{entrant.domain.id:14} {gap:16} {value:<6g} {row['successes']}/{episodes}", flush=True)
+        yield row
+        if row["success"] < BORNE:
+            return
 
 
 def measure(lab: Lab, entrant: Entrant, gap: str, value: float, episodes: int) -> dict[str, Any]:
