@@ -172,6 +172,15 @@ class SessionFolder:
         _write_table(self.path / "summary.parquet", table)
 
 
+def read_summaries(root: Path) -> pd.DataFrame:
+    """Return the summaries of all sessions below a folder, one row a session and task, with the session's folder."""
+    found = [(path.parent, pd.read_parquet(path)) for path in sorted(root.rglob("summary.parquet"))]
+    tables = [
+        table.assign(session=str(folder)) for folder, table in found if (folder / "session.json").exists()
+    ]
+    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
+
+
 def read_raw(episode: Path) -> pd.DataFrame:
     """Return all samples of an episode's folder, whether it came to its end or not."""
     return _read(episode, "raw")

@@ -12,7 +12,15 @@ from bgn import domains
 from bgn.domains import two_bumps_1d
 from bgn.robot.errors import UsageError
 from bgn.robot.film import beliefs
-from bgn.robot.recording import RAW_COLUMNS, Recording, SessionFolder, read_events, read_raw, read_steps
+from bgn.robot.recording import (
+    RAW_COLUMNS,
+    Recording,
+    SessionFolder,
+    read_events,
+    read_raw,
+    read_steps,
+    read_summaries,
+)
 from bgn.robot.statistics import clopper_pearson
 from bgn.robot.worker import COLUMNS
 
@@ -68,6 +76,16 @@ def test_a_session_counts_attempts_and_forgets_none(tmp_path: Path) -> None:
     assert table.outcome.tolist() == ["lost", "success", "incomplete"]
     assert table.attempt.tolist() == [1, 2, 1]
     assert folder.finished() == {("top-plate", 0)}
+
+
+def test_summaries_are_found_below_a_folder(tmp_path: Path) -> None:
+    assert read_summaries(tmp_path).empty
+    for name in ("a", "b"):
+        folder = SessionFolder(tmp_path / "robot" / name)
+        folder.create({})
+        folder.save_summary(pd.DataFrame([{"domain": "top-plate", "evidence": "twin"}]))
+    table = read_summaries(tmp_path)
+    assert table.session.tolist() == [str(tmp_path / "robot" / name) for name in ("a", "b")]
 
 
 def test_a_session_never_overwrites(tmp_path: Path) -> None:
