@@ -5,25 +5,22 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
-
-import pandas as pd
+from typing import Any
 
 from bgn.results.provenance import environment
 from bgn.robot import lab as laboratory
 from bgn.robot import preflight
 from bgn.robot.dashboard import Dashboard
+from bgn.robot.entrant import PUBLISHED, ROOT, Entrant, enter
 from bgn.robot.errors import UsageError
 from bgn.robot.lab import Lab
 from bgn.robot.network import is_loopback
 from bgn.robot.operators import Automaton, Operator, console, scripted
-from bgn.robot.recording import SessionFolder, Start, rows
-from bgn.robot.session import ROOT, Entrant, Session, enter, plan
+from bgn.robot.recording import SessionFolder, Start
+from bgn.robot.session import Session, plan
+from bgn.robot.summary import render
 from bgn.robot.twin.client import TwinClient, TwinProcess
 from bgn.robot.ur5e import Abort, check_extra
-
-#: Trained with the paper's budget; seed 0 of each task.
-PUBLISHED: Final = "results/published/paper/calibrated/policies/{task}/ah-ch+bgn/seed-0.safetensors"
 
 
 @dataclass(frozen=True)
@@ -182,18 +179,3 @@ def _look_at(lab: Lab, host: str) -> None:
     finally:
         dashboard.close()
     print(preflight.insist(checks))
-
-
-def render(summary: pd.DataFrame) -> str:
-    """Return the summary as the table that is printed."""
-    lines = [
-        f"{'task':14} {'agent':12} {'evidence':8} {'success':>9} {'rate':>7} {'95 % interval':>15} {'length':>7}"
-    ]
-    for row in rows(summary):
-        interval = f"{100 * row.success_low:.1f}..{100 * row.success_high:.1f} %"
-        count = f"{row.successes}/{row.episodes}"
-        rate = f"{100 * row.success:.0f} %" if row.episodes else "-"
-        lines.append(
-            f"{row.domain:14} {row.agent:12} {row.evidence:8} {count:>9} {rate:>7} {interval:>15} {row.length:7.1f}"
-        )
-    return "\n".join(lines)

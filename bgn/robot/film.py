@@ -22,12 +22,12 @@ from bgn.pictures.camera import Camera, Image
 from bgn.pictures.film import Film, Shot, save_gif, save_strip
 from bgn.policies.saved import Policy
 from bgn.robot import lab as laboratory
+from bgn.robot.entrant import ROOT, enter
 from bgn.robot.errors import UsageError
 from bgn.robot.kinematics import Floats
 from bgn.robot.lab import Lab
 from bgn.robot.moves import MOVES
 from bgn.robot.recording import FINISHED, SessionFolder, read_raw, read_steps, rows
-from bgn.robot.session import ROOT, enter
 from bgn.robot.twin.plant import STEP, Plant
 from bgn.simulation.belief_rules import next_belief, start_belief
 

@@ -8,25 +8,21 @@ itself.
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import time
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import pandas as pd
 
-import bgn
 from bgn import domains
 from bgn.domains.domain import Domain
 from bgn.domains.layout import TouchLayout
 from bgn.physics.tasks import draw_start
-from bgn.policies.saved import Policy
 from bgn.robot import kinematics, preflight
 from bgn.robot.dashboard import Dashboard
+from bgn.robot.entrant import Entrant
 from bgn.robot.environment import ArmEnvironment
 from bgn.robot.errors import (
     AbortedError,
@@ -42,51 +38,14 @@ from bgn.robot.errors import (
 from bgn.robot.finger import ArmFinger
 from bgn.robot.gripper import RddaGripper
 from bgn.robot.lab import Lab
-from bgn.robot.network import is_loopback
 from bgn.robot.operators import Operator
 from bgn.robot.recording import Recording, SessionFolder, Start
-from bgn.robot.statistics import clopper_pearson
+from bgn.robot.summary import Circumstances, summarise
 from bgn.robot.ur5e import Abort, UR5e
 from bgn.robot.worker import Row
 
-ROOT: Final = Path(bgn.__file__).resolve().parents[1]
 NEAR_STATION: Final = 0.8  # rad a joint may be from a station's middle before the arm drives there by itself
 RETRY: Final = {"retry": "begin this episode again", "stop": "end the session"}
-
-
-@dataclass(frozen=True)
-class Entrant:
-    """A policy to be evaluated."""
-
-    domain: Domain
-    policy: Policy
-    path: Path
-    digest: str
-    """SHA-256 of its file."""
-
-    @property
-    def place(self) -> str:
-        """Where its file is: from the repository's root if it lies in the repository."""
-        path = self.path.resolve()
-        return str(path.relative_to(ROOT) if path.is_relative_to(ROOT) else path)
-
-
-def enter(task: str, path: Path) -> Entrant:
-    """Load a policy for a task.
-
-    Raises
-    ------
-    UsageError
-        It is a policy of another task, or one that acts on the belief, which is never computed on a robot.
-    """
-    policy = Policy.load(path)
-    if policy.domain.id != task:
-        raise UsageError(f"{path} is a policy of {policy.domain.id}, not of {task}")
-    if policy.spec.actor != "history":
-        raise UsageError(
-            f"{path} acts on the {policy.spec.actor}; on a robot only a policy of the history can act"
-        )
-    return Entrant(policy.domain, policy, path, hashlib.sha256(path.read_bytes()).hexdigest())
 
 
 def plan(tasks: Sequence[str], episodes: int, seed: int) -> list[Start]:
@@ -422,36 +381,9 @@ class Session:
 
     def summary(self) -> pd.DataFrame:
         """Return one row a task of the episodes that came to their end."""
-        table = self.folder.episodes()
-        rows = []
-        for task, entrant in self.entrants.items():
-            mine = table[table.task == task] if len(table) else table
-            done = mine[mine.outcome.isin(("success", "failure", "out-of-time"))] if len(mine) else mine
-            successes = int((done.outcome == "success").sum()) if len(done) else 0
-            low, high = clopper_pearson(successes, len(done))
-            rows.append({
-                "evidence": "twin" if is_loopback(self.host) else "robot",
-                "domain": task,
-                "agent": entrant.policy.spec.id,
-                "episodes": len(done),
-                "successes": successes,
-                "success": successes / len(done) if len(done) else float("nan"),
-                "success_low": low,
-                "success_high": high,
-                "length": float(done.steps.mean()) if len(done) else float("nan"),
-                "interrupted": len(mine) - len(done),
-                "policy": entrant.place,
-                "policy_sha256": entrant.digest,
-                "serial": self.serial,
-                "polyscope": ".".join(map(str, self.version)),
-                "speed": self.speed,
-                "baseline_0": float(np.mean([b[0] for b in done.baseline])) if len(done) else float("nan"),
-                "baseline_1": float(np.mean([b[1] for b in done.baseline])) if len(done) else float("nan"),
-                "angle_edges": str(list(self.lab.station(task).angle_edges)),
-                "soft": self.lab.gripper.soft,
-                "stiff": self.lab.gripper.stiff,
-            })  # fmt: skip
-        return pd.DataFrame(rows)
+        polyscope = ".".join(map(str, self.version))
+        circumstances = Circumstances(self.lab, self.host, self.serial, polyscope, self.speed)
+        return summarise(self.folder, self.entrants, circumstances)
 
 
 def describe_objects(domain: Domain, y: int) -> str:

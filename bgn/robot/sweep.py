@@ -16,11 +16,10 @@ import pandas as pd
 from bgn.physics.tasks import task_of
 from bgn.physics.world import play
 from bgn.robot import lab as laboratory
+from bgn.robot.entrant import PUBLISHED, ROOT, Entrant, enter
 from bgn.robot.errors import RobotError, UsageError
-from bgn.robot.evaluation import PUBLISHED
 from bgn.robot.lab import Lab
 from bgn.robot.recording import rows
-from bgn.robot.session import ROOT, Entrant, enter
 from bgn.robot.statistics import clopper_pearson
 from bgn.robot.twin.direct import direct_finger
 

@@ -11,9 +11,9 @@ import pytest
 
 from bgn.__main__ import main
 from bgn.robot import lab, network
+from bgn.robot.entrant import PUBLISHED, ROOT, enter
 from bgn.robot.errors import MissingExtraError, RobotError, UsageError
-from bgn.robot.evaluation import PUBLISHED
-from bgn.robot.session import ROOT, enter, plan
+from bgn.robot.session import plan
 
 
 @pytest.fixture
