@@ -197,8 +197,9 @@ def _rehearse(options: argparse.Namespace) -> int:
         out=options.out,
         twin_operator=True,
         stale_after=LOADED,
+        scale=options.scale,
     )
-    return TOO_FEW if rehearse(request, options.scale) < options.require_success else 0
+    return TOO_FEW if rehearse(request) < options.require_success else 0
 
 
 def _film(options: argparse.Namespace) -> int:

@@ -41,6 +41,8 @@ class Request:
     twin_operator: bool = False
     lap: bool = True
     stale_after: float | None = None
+    scale: float | None = None
+    """Simulated seconds a second of the twin, if it was started for this session."""
 
 
 def evaluate(request: Request, *, execute: bool) -> float:
@@ -75,7 +77,7 @@ def evaluate(request: Request, *, execute: bool) -> float:
     return _run(request, lab, entrants, starts, folder, speed)
 
 
-def rehearse(request: Request, scale: float) -> float:
+def rehearse(request: Request) -> float:
     """Start a twin, run a session on it and stop it; return the lowest success rate of a task.
 
     Raises
@@ -84,7 +86,7 @@ def rehearse(request: Request, scale: float) -> float:
         Whatever ended it.
     """
     check_extra()
-    options = ["--scale", str(scale), "--seed", str(request.seed)]
+    options = ["--scale", str(request.scale or 1.0), "--seed", str(request.seed)]
     if request.lab is not None:
         options += ["--lab", str(request.lab)]
     with TwinProcess(request.tasks[0], request.host, *options):
@@ -149,6 +151,7 @@ def _about(
         "host": request.host,
         "evidence": "twin" if is_loopback(request.host) else "robot",
         "speed": speed,
+        "twin_scale": request.scale,
         "seed": request.seed,
         "policies": {
             task: {"path": entrant.place, "sha256": entrant.digest} for task, entrant in entrants.items()

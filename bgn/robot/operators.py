@@ -170,12 +170,11 @@ def scripted(answers: Iterable[str], abort: Abort, timeout: float = 1.0) -> Pers
 class Automaton:
     """Serves at the twin: places objects in it, sees pushes in its physics, and confirms what it is asked to.
 
-    ``answers`` are given to choices by the first word of the question, otherwise the last choice offered, which is
-    the careful one.
+    Of choices it takes the last one, which is the careful one.
     """
 
-    def __init__(self, client: TwinClient, answers: Mapping[str, str] | None = None) -> None:
-        self._client, self._answers = client, answers or {}
+    def __init__(self, client: TwinClient) -> None:
+        self._client = client
 
     def tell(self, text: str) -> None:
         """Print it."""
@@ -185,8 +184,8 @@ class Automaton:
         """Confirm."""
 
     def choose(self, question: str, choices: Mapping[str, str]) -> str:
-        """Give the prepared answer, or the last choice."""
-        answer = self._answers.get(question.split()[0].strip(":,"), list(choices)[-1])
+        """Take the last choice."""
+        answer = list(choices)[-1]
         print(f"{question} {answer}", flush=True)
         return answer
 

@@ -37,14 +37,15 @@ from bgn.robot.errors import (
 )
 from bgn.robot.finger import ArmFinger
 from bgn.robot.gripper import RddaGripper
-from bgn.robot.lab import Lab
+from bgn.robot.lab import Lab, Station
 from bgn.robot.operators import Operator
 from bgn.robot.recording import Recording, SessionFolder, Start
 from bgn.robot.summary import Circumstances, summarise
 from bgn.robot.ur5e import Abort, UR5e
 from bgn.robot.worker import Row
 
-NEAR_STATION: Final = 0.8  # rad a joint may be from a station's middle before the arm drives there by itself
+NEAR_STATION: Final = 0.5  # rad a joint may be from a station's middle for the arm to drive there by itself
+UPRIGHT: Final = 0.999  # cosine of the finger's tilt at most
 RETRY: Final = {"retry": "begin this episode again", "stop": "end the session"}
 
 
@@ -191,6 +192,7 @@ class Session:
 
     def _run_task(self, task: str, starts: Sequence[Start], *, lap: bool) -> None:
         station = self.lab.station(task)
+        self._arm.close()  # nobody steps up to an arm whose program runs
         self.operator.change_task(
             task,
             f"{task}: set up its bench, bring the arm before it (joints near {np.round(station.near, 1)})",
@@ -234,18 +236,32 @@ class Session:
         finger.speed = self.speed
 
     def _approach(self, task: str) -> None:
-        """Drive to the middle of a station; only from nearby."""
+        """Drive to the middle of a station, withdrawn: straight out of its cells, or from nearby."""
         station = self.lab.station(task)
-        middle = tuple((size - 1) // 2 for size in station.shape)
-        goal = kinematics.nearest(self.lab.flange(station.pose(middle, retreat=True)), station.near)
+        middle = station.pose(tuple((size - 1) // 2 for size in station.shape), retreat=True)
+        if self._at_station(station):
+            self._arm.station = station
+            self._withdraw(task)
+            self._arm.move_line(middle, self.lab.arm.first_lap_speed)
+            return
+        goal = kinematics.nearest(self.lab.flange(middle), station.near)
         assert goal is not None  # the plan was checked
         away = np.abs(self._arm.joints() - goal).max()
-        if away > station.window + NEAR_STATION:
+        if away > NEAR_STATION:
             raise MotionError(
-                f"{task}: a joint is {away:.2f} rad from the station; bring the arm near {np.round(goal, 2)} by hand"
+                f"{task}: a joint is {away:.2f} rad from the station, at most {NEAR_STATION} are driven; bring the arm "
+                f"near {np.round(goal, 2)} by hand"
             )
         self._arm.move_joints(goal)
         self._arm.station = station
+
+    def _at_station(self, station: Station) -> bool:
+        """Whether the finger is in the workspace and points as it should."""
+        pose, joints = self._arm.pose(), self._arm.joints()
+        wanted = station.pose((0,) * len(station.axes))
+        upright = kinematics.to_transform(pose)[:3, 2] @ kinematics.to_transform(wanted)[:3, 2]
+        turned = np.abs(joints - np.array(station.near)).max()
+        return station.contains(pose[:3]) and bool(upright > UPRIGHT and turned <= station.window)
 
     # -- one episode ----------------------------------------------------------------------------------------
 

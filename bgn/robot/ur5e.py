@@ -192,8 +192,8 @@ class UR5e:
             self._pipe = None
 
     def close(self) -> None:
-        """Stop the arm if it still moves, stop the program and end the worker."""
-        if self._process is not None:
+        """Stop the arm if it still moves, stop the program and end the worker, if there ever was one."""
+        if self.description:
             self.log.event("dashboard", stop_program(self.host))
         self.kill()
 
@@ -217,14 +217,6 @@ class UR5e:
     def playing(self) -> bool:
         """Whether the worker lives and the control program runs."""
         return self._process is not None and bool(self._latest) and self._latest[_RUNTIME] == PLAYING
-
-    def idle(self, seconds: float) -> None:
-        """Wait, supervising all the while."""
-        due = time.monotonic() + seconds
-        while time.monotonic() < due:
-            self._look(PERIOD)
-            self._check_safety()
-            self.abort.check()
 
     def settle(self, seconds: float) -> None:
         """Stay at rest for so long, in the robot's own time."""
