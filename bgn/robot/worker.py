@@ -13,6 +13,7 @@ operation): see :data:`COLUMNS`.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import queue
 import signal
@@ -39,6 +40,7 @@ POLL: Final = 0.0015  # s between two looks at the receive interface
 BATCH: Final = 0.01  # s between two messages of samples
 KICK: Final = 0.1  # s between two kicks of the watchdog
 CONTROL_RATE: Final = 500.0  # Hz
+LAST_STOP: Final = 0.3  # s an orphaned worker gives the arm to stop
 LOST: Final = 3  # exit code when the robot went away
 PROTECTIVE, EMERGENCY = 1 << 2, 1 << 5 | 1 << 6 | 1 << 7 | 1 << 8 | 1 << 9  # safety status bits
 
@@ -144,9 +146,19 @@ class _Worker:
                     self._guarding and command != "stop"
                 )
                 self._commands.put((number, command, arguments))
-        except (EOFError, OSError):  # the parent is gone: leave nothing moving behind
-            self._control.stopL(self._settings.stop_deceleration, True)
-            os._exit(0)
+        except (EOFError, OSError):
+            self._leave_at_rest()
+
+    def _leave_at_rest(self) -> None:
+        """Stop the arm now that the parent is gone; if that does not work, the controller's watchdog does it.
+
+        Only the other thread speaks to the controller: a kick at the same time would take the command back.
+        """
+        self._watchdog = False
+        self._commands.put((-1, "stop", ()))
+        print(f"{time.time():.3f} the evaluation is gone: stopping the arm", flush=True)
+        time.sleep(LAST_STOP)
+        os._exit(0)
 
     def _obey(self) -> None:
         while True:
@@ -191,8 +203,6 @@ class _Worker:
         os._exit(LOST)
 
     def _send(self, *message: Any) -> None:
-        try:
-            with self._sending:
-                self._pipe.send(message)
-        except OSError:  # the parent is gone
-            os._exit(0)
+        # A parent that is gone is noticed where its commands are read.
+        with self._sending, contextlib.suppress(OSError):
+            self._pipe.send(message)
