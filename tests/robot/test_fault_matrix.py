@@ -29,7 +29,7 @@ from bgn.robot.errors import (
     RefusedError,
     RobotError,
 )
-from bgn.robot.twin.client import TwinProcess
+from bgn.robot.twin.client import TwinClient, TwinProcess
 from tests.robot.conftest import Evaluation, Outcome, needs_client
 
 pytestmark = pytest.mark.twin
@@ -63,6 +63,14 @@ def at_rest(twin: TwinProcess, travel: float) -> None:
     assert state["travel"] <= travel, f"{1e3 * state['travel']:.1f} mm"
 
 
+def wait_for_motion(host: str, number: int) -> None:
+    """Wait, in a thread of its own, until the twin's arm has begun so many motions."""
+    client = TwinClient(host)
+    while client.ask("state")["motions"] < number:
+        time.sleep(0.02)
+    client.close()
+
+
 @pytest.mark.parametrize(
     ("fault", "seconds", "word"),
     [
@@ -83,8 +91,7 @@ def test_the_connection_fails_during_a_move(
 
 def test_the_worker_is_killed_during_a_move(evaluation: Evaluation) -> None:
     def kill() -> None:
-        while evaluation.twin.client.ask("state")["motions"] < 6:
-            time.sleep(0.05)
+        wait_for_motion(evaluation.twin.host, 6)
         time.sleep(0.4)
         children = Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()
         for child in children:
@@ -233,10 +240,8 @@ def test_a_finger_that_does_not_rest_is_refused(evaluation: Evaluation, fault: s
 @pytest.mark.parametrize("moment", ["connecting", "moving", "settling"])
 def test_ctrl_c_stops_and_softens(evaluation: Evaluation, moment: str) -> None:
     def interrupt() -> None:
-        client = evaluation.twin.client
         if moment != "connecting":
-            while client.ask("state")["motions"] < 6:
-                time.sleep(0.02)
+            wait_for_motion(evaluation.twin.host, 6)
             time.sleep(0.4 if moment == "moving" else 1.1)
         else:
             time.sleep(1.0)
