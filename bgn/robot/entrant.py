@@ -9,7 +9,7 @@ from typing import Final
 
 import bgn
 from bgn.domains.domain import Domain
-from bgn.policies.saved import Policy
+from bgn.policies.saved import NetworkPolicy
 from bgn.robot.errors import UsageError
 
 ROOT: Final = Path(bgn.__file__).resolve().parents[1]
@@ -22,7 +22,7 @@ class Entrant:
     """A policy to be evaluated."""
 
     domain: Domain
-    policy: Policy
+    policy: NetworkPolicy
     path: Path
     digest: str
     """SHA-256 of its file."""
@@ -42,7 +42,7 @@ def enter(task: str, path: Path) -> Entrant:
     UsageError
         It is a policy of another task, or one that acts on the belief, which is never computed on a robot.
     """
-    policy = Policy.load(path)
+    policy = NetworkPolicy.load(path)
     if policy.domain.id != task:
         raise UsageError(f"{path} is a policy of {policy.domain.id}, not of {task}")
     if policy.spec.actor != "history":

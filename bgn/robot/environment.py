@@ -69,6 +69,6 @@ class ArmEnvironment(gymnasium.Env[np.int64, np.int64]):
             "observed": step.x,
             "hidden": self._y,
             "last_action": self._last_action,
-            "angle": self.finger.outcome.angle,
+            "angle": self.finger.measurement.angle,
         }
         return np.int64(self._seen[step.x]), information

@@ -17,10 +17,10 @@ import pandas as pd
 
 from bgn.domains.domain import Domain
 from bgn.physics.tasks import task_of
-from bgn.physics.world import Moment
+from bgn.physics.world import EpisodeState
 from bgn.pictures.camera import Camera, Image
 from bgn.pictures.film import Film, Shot, save_gif, save_strip
-from bgn.policies.saved import Policy
+from bgn.policies.saved import NetworkPolicy
 from bgn.robot import lab as laboratory
 from bgn.robot.entrant import ROOT, enter
 from bgn.robot.errors import UsageError
@@ -97,7 +97,7 @@ def _about(episode: Path) -> dict[str, Any]:
 
 
 def _shoot(
-    lab: Lab, about: dict[str, Any], steps: pd.DataFrame, raw: pd.DataFrame, policy: Policy
+    lab: Lab, about: dict[str, Any], steps: pd.DataFrame, raw: pd.DataFrame, policy: NetworkPolicy
 ) -> list[Shot]:
     plant = Plant(lab, policy.domain.id)
     camera = Camera(plant, *task_of(policy.domain.id).make_scene(policy.domain).view)
@@ -117,7 +117,7 @@ class _Stage:
         self._next = 0.0
         plant.observer = self._look
 
-    def shoot(self, about: dict[str, Any], steps: pd.DataFrame, policy: Policy) -> list[Shot]:
+    def shoot(self, about: dict[str, Any], steps: pd.DataFrame, policy: NetworkPolicy) -> list[Shot]:
         domain, taken = policy.domain, rows(steps)
         self._plant.place(int(taken[0].hidden))
         shots = []
@@ -127,11 +127,11 @@ class _Stage:
             action = None if row.action < 0 else int(row.action)
             self._drive(domain, action, wall, float(row.wall))
             wall, over = float(row.wall), row is taken[-1]
-            moment = _moment(domain, about, row, belief, over=over)
+            state = _state(domain, about, row, belief, over=over)
             if not over:
                 policy.act(int(row.observation), last if action is None else action)
             said = "start" if action is None else domain.model.joint.action_names[action]
-            shots.append(Shot(moment, policy.belief(), said, self._frames))
+            shots.append(Shot(state, policy.belief(), said, self._frames))
             last = action
         return shots
 
@@ -164,10 +164,10 @@ def _resample(part: pd.DataFrame) -> Floats:
     return np.stack([np.interp(ticks, times, part[joint].to_numpy()) for joint in JOINTS], axis=1)
 
 
-def _moment(domain: Domain, about: dict[str, Any], row: Any, belief: Floats, *, over: bool) -> Moment:
+def _state(domain: Domain, about: dict[str, Any], row: Any, belief: Floats, *, over: bool) -> EpisodeState:
     outcome = str(about["outcome"])
     ended = over and outcome in FINISHED and outcome != "out-of-time"
-    return Moment(
+    return EpisodeState(
         observation=int(row.observation),
         x=int(row.observed),
         y=int(about["y"]),

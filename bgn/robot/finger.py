@@ -11,7 +11,7 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from bgn.physics.scene import Outcome
+from bgn.physics.scene import Measurement
 from bgn.robot.errors import BaselineError, MotionError
 from bgn.robot.kinematics import Floats
 from bgn.robot.lab import Lab
@@ -92,7 +92,7 @@ class ArmFinger:
         self.arm, self.gripper = arm, gripper
         self.speed = lab.arm.speed
         self.hidden = -1
-        self.outcome = Outcome(reading=-1, angle=0.0)
+        self.measurement = Measurement(reading=-1, angle=0.0)
         self.baseline = (0.0, 0.0)
         self.based: Callable[[], None] = lambda: None
         """Called when a baseline was taken."""
@@ -100,7 +100,7 @@ class ArmFinger:
         self._bins = len(self.station.angle_edges) + 1
         self._cell: tuple[int, ...] = ()
 
-    def reset(self, hidden: int, cell: int) -> Outcome:
+    def reset(self, hidden: int, cell: int) -> Measurement:
         """Begin an episode: objects placed with the finger out of the way, then a neutral soft finger at ``cell``."""
         self._soften()
         self.withdraw()
@@ -109,10 +109,10 @@ class ArmFinger:
         self._place(hidden)
         self.begin_at(start)
         self.hidden = hidden
-        self.outcome = Outcome(reading=cell * self._bins + self._bins // 2, angle=0.0)
-        return self.outcome
+        self.measurement = Measurement(reading=cell * self._bins + self._bins // 2, angle=0.0)
+        return self.measurement
 
-    def act(self, action: int) -> Outcome:
+    def act(self, action: int) -> Measurement:
         """Move one cell; a move out of range is refused and leaves everything as it is."""
         move = MOVES[self.task][action]
         if not self._cell:
@@ -120,7 +120,7 @@ class ArmFinger:
         goal = list(self._cell)
         goal[move.axis] += move.direction
         if not 0 <= goal[move.axis] < self.station.shape[move.axis]:
-            return self.outcome
+            return self.measurement
         if move.stiff:
             self._stiffen(move.axis)
         else:
@@ -130,8 +130,8 @@ class ArmFinger:
             np.searchsorted(self.station.angle_edges, angle)
         )
         pushed = self._pushed() if move.stiff else 0
-        self.outcome = Outcome(reading, angle, pushed)
-        return self.outcome
+        self.measurement = Measurement(reading, angle, pushed)
+        return self.measurement
 
     def begin_at(self, start: tuple[int, ...]) -> None:
         """In free air beside a cell: zero the force, read the baseline; then bring the soft finger into the cell."""
