@@ -60,6 +60,23 @@ def lint(session: nox.Session) -> None:
 
 
 @nox.session(venv_backend="none")
+def notebooks(session: nox.Session) -> None:
+    """Execute the notebooks and write build/notebooks/index.html; ``-- --fixture``: on a small store, as a test."""
+    if "--fixture" not in session.posargs:
+        run(session, "python", "-m", "benchmarks.notebooks", *session.posargs)
+        return
+    store = {"BGN_RESULTS": str(ROOT / "tests" / "data" / "store"), "BGN_PRESET": "calibrated"}
+    pages = sorted(str(path.relative_to(ROOT)) for path in (ROOT / "notebooks").glob("*.ipynb"))
+    run(session, "pytest", "--nbmake", "--nbmake-timeout=300", "--durations=0", *pages, **store)
+
+
+@nox.session(venv_backend="none")
+def regress(session: nox.Session) -> None:
+    """Compare fresh runs with stored ones; 0 fine, 1 regressed, 2 could not tell. Arguments: docs/regression.md."""
+    run(session, "python", "-m", "benchmarks.regression", *session.posargs)
+
+
+@nox.session(venv_backend="none")
 def slurm(session: nox.Session) -> None:
     """Run cells as Slurm jobs, on daemons of this machine alone; needs Debian's slurm-wlm and munge."""
     run(session, "pytest", "-rs", "tests/benchmarks/test_slurm.py", *session.posargs, BGN_TEST_SLURM="1")

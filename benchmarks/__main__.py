@@ -1,4 +1,4 @@
-"""The command line: ``python -m benchmarks run | status | tables | merge | export | verify``.
+"""The command line: ``python -m benchmarks run | status | tables | measure | merge | export | verify``.
 
 Exit status: 0, all is done; 1, something is missing or failed; 2, wrong options or an unusable store; 3, nothing
 more can be written (disk full or read-only); 130, 143, 129: stopped by Ctrl-C, SIGTERM or SIGHUP, with
@@ -14,7 +14,7 @@ import os
 import pathlib
 import sys
 import time
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 
 from rich.console import Console
 
@@ -36,6 +36,7 @@ _FAILED, _USAGE, _STORAGE = 1, 2, 3
 _TICK = 0.05
 #: Cores that the threads of a GPU's cells keep busy.
 _CORES_OF_A_GPU = 2
+_FORMS: Mapping[str, report.Form] = {"md": "markdown", "csv": "csv", "html": "html", "latex": "latex"}
 
 
 class DeviceError(BgnError, RuntimeError):
@@ -71,7 +72,7 @@ def _command(benchmark: Registry, options: argparse.Namespace, work: Work, conso
     if options.command == "run":
         _check_device(options)
         return _run(selection, options, work, console)
-    show = {"status": _show_status, "tables": _show_tables}[options.command]
+    show = {"status": _show_status, "tables": _show_tables, "measure": _measure}[options.command]
     return show(selection, options, console)
 
 
@@ -201,7 +202,18 @@ def _show_status(selection: Selection, options: argparse.Namespace, console: Con
 def _show_tables(selection: Selection, options: argparse.Namespace, console: Console) -> int:
     store = selection.store(options.results)
     with writing_to(store.root):
-        report.show_tables(selection, store, console)
+        report.show_tables(selection, store, console, everything=options.all, form=_FORMS.get(options.format))
+    return 0
+
+
+def _measure(selection: Selection, options: argparse.Namespace, console: Console) -> int:
+    from benchmarks import authors_evaluation  # imported here because torch takes seconds
+
+    wanted = [d for d in selection.domains if selection.registry.domains[d].authors_metric]
+    store = selection.store(options.results)
+    with writing_to(store.root), store.lock():
+        measured = authors_evaluation.measure(store, wanted)
+    console.print(f"Measured {measured} policies of {', '.join(wanted)}.", highlight=False)
     return 0
 
 
@@ -247,7 +259,13 @@ def _parser(benchmark: Registry) -> argparse.ArgumentParser:
     status = commands.add_parser("status", help="say which runs are done, older, failed or missing")
     tables = commands.add_parser("tables", help="print and write the tables of everything stored")
     tables.set_defaults(domain=None, agent=None, reference=None, seeds=None)
-    for command in (run, status, tables):
+    tables.add_argument(
+        "--all", action="store_true", help="also what the verdicts rest on and every other metric"
+    )
+    tables.add_argument("--format", choices=tuple(_FORMS), help="print for another program")
+    measure = commands.add_parser("measure", help="measure stored Hallway policies as the authors did")
+    measure.set_defaults(domain=None, agent=None, reference=None, seeds=None)
+    for command in (run, status, tables, measure):
         _add_store(command, benchmark)
     for command in (run, status):
         _add_selection(command, benchmark)

@@ -24,7 +24,9 @@ from bgn import domains
 from bgn.agents.specs import agent
 from bgn.analysis import cells
 from bgn.analysis.cells import DomainRow
+from bgn.analysis.claims import judge_claims
 from bgn.analysis.evidence import Evidence
+from bgn.analysis.scores import Scores
 from bgn.errors import BgnError
 from bgn.results import schema
 from bgn.results.run_ids import RunId
@@ -65,6 +67,16 @@ class StoredEvidence(Evidence):
         if stored.empty:
             return pd.DataFrame(columns=["run", "key", *schema.CURVE_COLUMNS, "domain", "agent", "seed"])
         return stored.merge(self.runs[["run", "key", "domain", "agent", "seed"]], on=["run", "key"])
+
+    @cached_property
+    def scores(self) -> Scores:
+        """The runs, curves and reference rows as the claims and figures look them up."""
+        return Scores(self.runs, self.curves, self.references, self.domains)
+
+    @cached_property
+    def claims(self) -> pd.DataFrame:
+        """One row per claim of the paper with its verdict: :func:`bgn.analysis.claims.judge_claims`."""
+        return judge_claims(self.scores)
 
     def policy(self, run: str | RunId, *, greedy: bool = True) -> NetworkPolicy:
         """Return the trained policy of a run such as ``hallway/ah-ch+bgn/seed-3``.
@@ -130,7 +142,7 @@ def load(
 
 def gather(registry: Registry, budget: str, preset: str, store: Store) -> StoredEvidence:
     """Read what a store holds, which may be nothing, and judge it."""
-    runs, references = (_finished(store, kind) for kind in ("runs", "references"))
+    runs, references = _measured(_finished(store, "runs"), store), _finished(store, "references")
     named_domains = _present(registry.domains, [*runs["domain"], *references["domain"]])
     named_agents = _present(registry.agents, runs["agent"])
     selection = Selection(
@@ -144,7 +156,7 @@ def gather(registry: Registry, budget: str, preset: str, store: Store) -> Stored
     )
     current = [request.origin.key for request in selection.requests()]
     runs, references = (frame.assign(older=~frame["key"].isin(current)) for frame in (runs, references))
-    rows = [_domain_row(registry, domain) for domain in named_domains]
+    rows = [domain_row(registry, domain) for domain in named_domains]
     return StoredEvidence(
         cells=cells.summarise(runs, rows, named_agents),
         runs=runs,
@@ -172,9 +184,25 @@ def _present(names: Iterable[str], stored: Iterable[str]) -> tuple[str, ...]:
     return tuple(name for name in names if name in found)
 
 
-def _domain_row(registry: Registry, domain_id: str) -> DomainRow:
+def domain_row(registry: Registry, domain_id: str) -> DomainRow:
+    """Return a domain as tables, verdicts and figures need it."""
     entry, domain = registry.domains[domain_id], domains.get(domain_id)
-    return DomainRow(domain_id, domain.title, domain.family, entry.metric, entry.tolerance, opening(domain))
+    return DomainRow(
+        domain_id,
+        domain.title,
+        domain.family,
+        entry.metric,
+        entry.tolerance,
+        opening(domain),
+        entry.authors_metric,
+        registry.horizon(domain_id),
+    )
+
+
+def _measured(runs: pd.DataFrame, store: Store) -> pd.DataFrame:
+    """Add what was measured of the policies after training."""
+    measures = store.read("measures")
+    return runs.merge(measures, on=["run", "key"], how="left") if len(measures) else runs
 
 
 def _remarks(registry: Registry, budget: str, preset: str, runs: pd.DataFrame) -> list[str]:

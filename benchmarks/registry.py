@@ -57,7 +57,9 @@ class DomainEntry(_Entry):
     """How the benchmark treats one domain."""
 
     metric: Metric
-    """Column of ``runs`` that the paper's tables report for this domain."""
+    """Column of ``runs`` that is judged against the paper."""
+    authors_metric: Literal["first_100_return"] | None = None
+    """Column that measures as the authors did, where that is another one (see benchmarks.authors_evaluation)."""
     tolerance: float = Field(gt=0)
     """δ of the equivalence test, in the metric's own unit."""
     cost: float = Field(default=1.0, gt=0)
@@ -146,6 +148,8 @@ class Defaults(_Entry):
 
     budget: str
     preset: str
+    judged_budget: str | None = None
+    """The budget with the paper's horizons: shorter runs get no verdict."""
 
 
 class Registry(_Entry):
@@ -169,6 +173,8 @@ class Registry(_Entry):
     def _names_agree(self) -> Registry:
         _known("defaults.budget", [self.defaults.budget], self.budgets)
         _known("defaults.preset", [self.defaults.preset], self.presets)
+        if self.defaults.judged_budget is not None:
+            _known("defaults.judged_budget", [self.defaults.judged_budget], self.budgets)
         for kind in ("domains", "agents", "references"):
             for name in getattr(self, kind):
                 check_name(name)
@@ -207,6 +213,11 @@ class Registry(_Entry):
             evaluation_episodes=chosen.evaluation_episodes,
             physics_episodes=chosen.physics_episodes if self.domains[domain].physics else 0,
         )
+
+    def horizon(self, domain: str) -> int:
+        """Return the environment steps that a run needs to be judged against the paper (0: any run is)."""
+        judged = self.defaults.judged_budget
+        return 0 if judged is None else self.budgets[judged].env_steps.get(domain, 0)
 
     def applies(self, reference: str, domain: str) -> bool:
         """Say whether a reference policy is evaluated on a domain."""

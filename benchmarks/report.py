@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from typing import Literal
 
 import pyarrow as pa
 from rich.console import Console
@@ -12,14 +13,18 @@ from benchmarks import evidence
 from benchmarks.evidence import StoredEvidence
 from benchmarks.plan import Selection, State, Status
 from bgn.agents.specs import agent
-from bgn.analysis import figures, tables
+from bgn.analysis import tables
+from bgn.analysis.figures import curves, style
 from bgn.analysis.text_table import TextTable
 from bgn.results.atomic import write_bytes
 from bgn.results.run_ids import CellId, RunId
 from bgn.results.store import Store, write_parquet
 
-#: Columns that the widest table needs.
-TABLE_WIDTH = 140
+Form = Literal["markdown", "csv", "html", "latex"]
+
+#: Columns that the widest table of results needs, and the widest of states.
+TABLE_WIDTH = 100
+STATUS_WIDTH = 140
 
 
 def show_status(selection: Selection, statuses: Sequence[Status], console: Console) -> None:
@@ -34,7 +39,7 @@ def show_status(selection: Selection, statuses: Sequence[Status], console: Conso
         rows.append([domain, *(_count(groups.get(group, [])) for group in (*cells, domain))])
     columns = ["Domain", *(agent(agent_id).title for agent_id in selection.agents), "References"]
     title = f"Runs done, budget {selection.budget}, preset {selection.preset}"
-    _print(TextTable(title, columns, rows, _reasons(statuses), labels=1), console)
+    _print(TextTable(title, columns, rows, _reasons(statuses), labels=1), console, STATUS_WIDTH)
     failed = [status for status in statuses if status.state is State.FAILED]
     if failed:
         show_missing(failed, console)
@@ -48,28 +53,59 @@ def show_missing(statuses: Sequence[Status], console: Console) -> None:
     _print(TextTable("Missing runs", ["Run", "State", "Why"], missing, labels=3), console)
 
 
-def show_tables(selection: Selection, store: Store, console: Console) -> None:
-    """Print the tables of everything stored under the budget and preset, and write them beside it."""
+def show_tables(
+    selection: Selection,
+    store: Store,
+    console: Console,
+    *,
+    everything: bool = False,
+    form: Form | None = None,
+) -> None:
+    """Print the claims and tables of what is stored under the budget and preset, and write all of them beside it.
+
+    Without ``everything``: a line per claim, and the tables of returns and success rates. ``form`` prints them for
+    another program, not for the terminal.
+    """
     found = evidence.gather(selection.registry, selection.budget, selection.preset, store)
     if found.runs.empty and found.references.empty:
         console.print(f"Nothing is stored in {store.root} yet.", highlight=False, soft_wrap=True)
         return
-    shown = [tables.all_metrics(found)]
-    if not found.references.empty:
-        shown.append(tables.reference_policies(found))
+    first, rest = leading_tables(found), further_tables(found)
+    for table in (*first, *rest) if everything else first:
+        if form is None:
+            _print(table, console)
+        else:
+            print(getattr(table, form)())
+    _write(found, [*first, *rest], store)
+    if form is None:
+        more = "" if everything else " All tables: --all."
+        console.print(f"Written to {store.root / 'tables'}.{more}", highlight=False, soft_wrap=True)
+
+
+def leading_tables(found: StoredEvidence) -> list[TextTable]:
+    """Return what a reader asks first: the claims' verdicts, then the paper's tables with ours."""
+    shown = [tables.claim_lines(found.claims)]
+    if found.family("classic"):
+        shown.append(tables.raw_returns(found))
     if found.family("robot"):
         shown.append(tables.success_rates(found))
+    return shown
+
+
+def further_tables(found: StoredEvidence) -> list[TextTable]:
+    """Return the other tables."""
+    shown = [tables.claim_details(found.claims)]
     if found.family("classic"):
-        shown += [tables.raw_returns(found), tables.normalised_returns(found)]
-    for table in shown:
-        _print(table, console)
-    _write(found, shown, store)
-    console.print(f"Written to {store.root / 'tables'}", highlight=False, soft_wrap=True)
+        shown.append(tables.normalised_returns(found))
+    shown.append(tables.all_metrics(found))
+    if not found.references.empty:
+        shown.append(tables.reference_policies(found))
+    return shown
 
 
-def _print(table: TextTable, console: Console) -> None:
+def _print(table: TextTable, console: Console, width: int = TABLE_WIDTH) -> None:
     """Print a table at its full width: a narrow terminal may break its lines, but loses no number."""
-    console.print(table.rich(), width=max(console.width, TABLE_WIDTH), crop=False)
+    console.print(table.rich(), width=max(min(console.width, 2 * width), width), crop=False)
 
 
 def _count(statuses: Sequence[Status]) -> str:
@@ -91,10 +127,14 @@ def _write(found: StoredEvidence, shown: Sequence[TextTable], store: Store) -> N
         "cells": found.cells,
         "normalised": tables.normalised_frame(found),
         "references": found.references,
+        "claims": found.claims,
     }
     for name, frame in frames.items():
         write_parquet(folder / f"{name}.parquet", pa.Table.from_pandas(frame, preserve_index=False))
     text = "\n".join(["# Tables", "", *(table.markdown() for table in shown)])
     write_bytes(folder / "tables.md", text.encode())
     if len(found.runs):
-        write_bytes(folder / "learning-curves.png", figures.learning_curves(found, found.curves))
+        for family, draw in (("classic", curves.training_curves), ("robot", curves.success_curves)):
+            if found.family(family):
+                figure = draw(found.scores, found.agent_titles)
+                write_bytes(folder / f"learning-curves-{family}.png", style.png(figure))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import pathlib
-import typing
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +11,7 @@ import pandas as pd
 
 from benchmarks.retraining import Fingerprint, fingerprint, of_metrics
 from benchmarks.tasks import ReferenceSpec, Work
+from bgn.agents.hyperparameters import Hyperparameters
 from bgn.errors import BgnError
 from bgn.results import schema
 from bgn.results.store import Kind, Store
@@ -80,10 +80,9 @@ def _row(store: Store, run: str) -> tuple[Kind, dict[str, Any]]:
 def _specification(kind: type[Any], row: dict[str, Any]) -> Any:
     """Read a specification back; raises :class:`RerunError`."""
     fields = json.loads(row["spec"])
-    types = typing.get_type_hints(kind)
     try:
-        if "hyperparameters" in types:
-            fields["hyperparameters"] = types["hyperparameters"](**fields["hyperparameters"])
+        if "hyperparameters" in fields:
+            fields["hyperparameters"] = Hyperparameters(**fields["hyperparameters"])
         return kind(**fields)
     except (TypeError, ValueError) as error:
         raise RerunError(f"{row['run']} was asked for in terms of another version: {error}") from error

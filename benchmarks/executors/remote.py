@@ -35,10 +35,6 @@ class OtherSourcesError(BgnError, RuntimeError):
     """A worker would run other code than what the results would be stored under."""
 
 
-class _UnwantedError(Exception):
-    """Ends a task whose result nobody waits for any more."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Order:
     """A task on its way to a worker."""
@@ -143,7 +139,7 @@ def _follow(process: Worker, tell: Callable[[Progress], None], wanted: Callable[
                 return event.failure
         if not process.alive:
             return process.died().failure
-    raise _UnwantedError
+    raise distributed.Reschedule  # a worker that is asked to go leaves its task to others
 
 
 def _plain(progress: Progress) -> list[Any]:
@@ -159,7 +155,7 @@ def _plain(progress: Progress) -> list[Any]:
 
 def _wanted(worker: distributed.Worker, key: object) -> bool:
     """Say whether anybody waits for a task: the worker stays, and its scheduler has not taken the task back."""
-    if worker.status not in (Status.running, Status.paused, Status.closing_gracefully):
+    if worker.status not in (Status.running, Status.paused):
         return False
     task = worker.state.tasks.get(key)  # type: ignore[call-overload]
     return task is not None and task.state == "executing"

@@ -1,4 +1,9 @@
-"""The tests behind the verdicts, as pure functions of means, standard deviations and counts."""
+"""The tests behind the verdicts, as pure functions of means, standard deviations and counts.
+
+A value is what one seed yields. Two things bound how sure a sample of them can be: how much seeds differ, and how
+exactly each was measured. A hundred successes in a hundred episodes are not certainty, so a sample carries the
+standard error of its values as a floor: their spread contains it, and is never taken for less.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +13,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import stats
+
+Tail = Literal["two-sided", "less", "greater"]
 
 
 @dataclass(frozen=True)
@@ -18,37 +26,45 @@ class Sample:
     mean: float
     sd: float
     n: int
+    error: float = 0.0
+    """Standard error of measuring one value (root mean square over the values)."""
 
     @classmethod
-    def of(cls, values: Sequence[float]) -> Sample:
-        """Summarise one value a seed."""
-        return cls(float(np.mean(values)), float(np.std(values)), len(values))
+    def of(cls, values: Sequence[float], errors: Sequence[float] = ()) -> Sample:
+        """Summarise one value per seed, with the standard error of each where it is known."""
+        error = math.sqrt(float(np.mean(np.square(errors)))) if len(errors) else 0.0
+        return cls(float(np.mean(values)), float(np.std(values)), len(values), error)
+
+    @property
+    def unbiased_sd(self) -> float:
+        """Standard deviation of one value (ddof 1), not below the error of measuring it; NaN for one value."""
+        return max(self.sd * math.sqrt(self.n / (self.n - 1)), self.error) if self.n > 1 else math.nan
 
     @property
     def mean_variance(self) -> float:
-        """Estimated variance of the mean, from the unbiased variance: sd²/(n-1)."""
-        return self.sd**2 / (self.n - 1) if self.n > 1 else math.nan
+        """Estimated variance of the mean."""
+        return self.unbiased_sd**2 / self.n
 
 
-def welch_p(
-    a: Sample, b: Sample, *, shift: float = 0.0, tail: Literal["two-sided", "less", "greater"] = "two-sided"
-) -> float:
+def rate_error(rate: float, episodes: int) -> float:
+    """Return the standard error of a success rate, positive for rates of 0 and 1 too.
+
+    The rate is moved by half a success and half a failure towards one half (Jeffreys' prior).
+    """
+    moved = (rate * episodes + 0.5) / (episodes + 1)
+    return math.sqrt(moved * (1 - moved) / episodes)
+
+
+def welch_p(a: Sample, b: Sample, *, shift: float = 0.0, tail: Tail = "two-sided") -> float:
     """Return the p-value of Welch's test that mean(a) - mean(b) is ``shift``, against ``tail``.
 
-    NaN if a sample has fewer than two values. Without any spread the difference is certain: p is 0 or 1.
+    NaN where there is nothing to judge by: fewer than two values, or no spread and no known error.
     """
-    difference = a.mean - b.mean - shift
     variance = a.mean_variance + b.mean_variance
-    if math.isnan(variance):
+    if math.isnan(variance) or variance == 0:
         return math.nan
-    if variance == 0:
-        against = {"two-sided": difference != 0, "less": difference < 0, "greater": difference > 0}
-        return 0.0 if against[tail] else 1.0
-    freedom = variance**2 / (a.mean_variance**2 / (a.n - 1) + b.mean_variance**2 / (b.n - 1))
-    t = difference / math.sqrt(variance)
-    if tail == "two-sided":
-        return float(2 * stats.t.sf(abs(t), freedom))
-    return float(stats.t.cdf(t, freedom) if tail == "less" else stats.t.sf(t, freedom))
+    first, second = (a.mean - shift, a.unbiased_sd, a.n), (b.mean, b.unbiased_sd, b.n)
+    return float(stats.ttest_ind_from_stats(*first, *second, equal_var=False, alternative=tail).pvalue)
 
 
 def equivalence_p(a: Sample, b: Sample, *, tolerance: float) -> float:
@@ -58,13 +74,46 @@ def equivalence_p(a: Sample, b: Sample, *, tolerance: float) -> float:
     return max(below, above) if not math.isnan(below) else math.nan
 
 
+def welch_freedom(a: Sample, b: Sample) -> float:
+    """Return the Welch-Satterthwaite degrees of freedom of the difference of two means."""
+    parts = [(sample.mean_variance, sample.n - 1) for sample in (a, b)]
+    return sum(v for v, _ in parts) ** 2 / sum(v**2 / df for v, df in parts)
+
+
+def detectable_gap(a: Sample, b: Sample, *, level: float, power: float = 0.8) -> float:
+    """Return the true difference of means that a two-sided test at ``level`` sees with chance ``power``.
+
+    (t(1 - level/2) + t(power)) standard errors of the difference; NaN where there is no test.
+    """
+    variance = a.mean_variance + b.mean_variance
+    if math.isnan(variance) or variance == 0:
+        return math.nan
+    freedom = welch_freedom(a, b)
+    reach = sum(float(stats.t.ppf(chance, freedom)) for chance in (1 - level / 2, power))
+    return reach * math.sqrt(variance)
+
+
+def equivalence_power(a: Sample, b: Sample, *, tolerance: float, level: float) -> float:
+    """Return the chance that TOST at ``level`` finds two equal means equivalent: 2 T(δ/se - t(1 - level)) - 1."""
+    variance = a.mean_variance + b.mean_variance
+    if math.isnan(variance) or variance == 0:
+        return math.nan
+    freedom = welch_freedom(a, b)
+    reach = tolerance / math.sqrt(variance) - float(stats.t.ppf(1 - level, freedom))
+    return max(0.0, 2 * float(stats.t.cdf(reach, freedom)) - 1)
+
+
 def holm(p_values: Sequence[float], *, family: int) -> list[float]:
-    """Adjust p-values by Holm's step-down method for a family of tests, of which some may not be done yet."""
+    """Adjust p-values by Holm's step-down method for a family of tests, of which some may not be done yet.
+
+    NaN, a test that could not be done, stays NaN and counts as not done yet.
+    """
     if family < len(p_values):
         raise ValueError(f"a family of {family} tests cannot hold {len(p_values)}")
-    adjusted = [0.0] * len(p_values)
+    adjusted = [math.nan] * len(p_values)
     highest = 0.0
-    for rank, index in enumerate(np.argsort(p_values)):
+    done = [index for index in np.argsort(p_values) if not math.isnan(p_values[index])]
+    for rank, index in enumerate(done):
         highest = max(highest, min(1.0, (family - rank) * p_values[index]))
         adjusted[index] = highest
     return adjusted
@@ -76,6 +125,24 @@ def binomial_interval(successes: int, trials: int, *, confidence: float = 0.95) 
     return float(interval.low), float(interval.high)
 
 
+def mean_interval(sample: Sample, *, confidence: float = 0.95) -> tuple[float, float]:
+    """Return Student's interval of the mean of a seed, from one value per seed (NaN for one seed)."""
+    reach = float(stats.t.ppf((1 + confidence) / 2, sample.n - 1)) * math.sqrt(sample.mean_variance)
+    return sample.mean - reach, sample.mean + reach
+
+
+def rate_interval(rates: Sequence[float], episodes: Sequence[int]) -> tuple[float, float]:
+    """Return the 95 % interval of the success rate of a seed, clipped to [0, 1].
+
+    The wider, at either end, of Student's interval over seeds and of Clopper-Pearson's over all their episodes: pooled
+    episodes hide that seeds differ, and seeds without any spread hide that episodes are finite.
+    """
+    successes = sum(round(rate * n) for rate, n in zip(rates, episodes, strict=True))
+    pooled = binomial_interval(successes, sum(episodes))
+    seeds = mean_interval(Sample.of(rates)) if len(rates) > 1 else (0.0, 1.0)
+    return max(0.0, min(pooled[0], seeds[0])), min(1.0, max(pooled[1], seeds[1]))
+
+
 def prediction_interval(sample: Sample, *, n: int, confidence: float = 0.95) -> tuple[float, float]:
     """Return the interval in which the mean of ``n`` new values falls.
 
@@ -84,3 +151,12 @@ def prediction_interval(sample: Sample, *, n: int, confidence: float = 0.95) -> 
     deviation = math.sqrt(sample.mean_variance * (1 + sample.n / n))
     reach = float(stats.t.ppf((1 + confidence) / 2, sample.n - 1)) * deviation
     return sample.mean - reach, sample.mean + reach
+
+
+def spearman(x: ArrayLike, y: ArrayLike) -> tuple[float, float]:
+    """Return Spearman's rank correlation and its two-sided p-value (NaN where one side is constant)."""
+    x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+    if len(x) < 3 or np.ptp(x) == 0 or np.ptp(y) == 0:
+        return math.nan, math.nan
+    result = stats.spearmanr(x, y)
+    return float(result.statistic), float(result.pvalue)

@@ -1,11 +1,15 @@
-"""A printed table: rows of text with notes below, for the terminal and as Markdown."""
+"""A printed table: rows of text with notes below, for the terminal, as Markdown, CSV, HTML and LaTeX."""
 
 from __future__ import annotations
 
+import csv
+import html
+import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from rich import box
 from rich.console import Group
 from rich.table import Table
 from rich.text import Text
@@ -31,9 +35,49 @@ class TextTable:
         notes = [f"- {note}" for note in self.notes]
         return "\n".join([f"## {self.title}", "", *lines, *([""] if notes else []), *notes, ""])
 
+    def csv(self) -> str:
+        """Return the table as comma-separated values: no title, no notes, every row with its first text."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(self.columns)
+        first = ""
+        for row in self.rows:
+            first = row[0] or first
+            writer.writerow([first, *row[1:]])
+        return text.getvalue()
+
+    def html(self) -> str:
+        """Return the table as HTML."""
+        head = "".join(f"<th>{html.escape(column)}</th>" for column in self.columns)
+        body = [_html_row(row, self.labels) for row in self.rows]
+        notes = "".join(f"<li>{html.escape(note)}</li>" for note in self.notes)
+        return "\n".join(
+            [
+                f"<h2>{html.escape(self.title)}</h2>",
+                f"<table>\n<thead><tr>{head}</tr></thead>\n<tbody>",
+                *body,
+                "</tbody>\n</table>",
+                *([f"<ul>{notes}</ul>"] if notes else []),
+                "",
+            ]
+        )
+
+    def latex(self) -> str:
+        """Return the table as LaTeX, for the booktabs package."""
+        form = "l" * self.labels + "r" * (len(self.columns) - self.labels)
+        lines = [rf"\begin{{tabular}}{{{form}}}", r"\toprule", _latex_row(self.columns), r"\midrule"]
+        for number, row in enumerate(self.rows):
+            if number and row[0]:
+                lines.append(r"\addlinespace")
+            lines.append(_latex_row(row))
+        lines += [r"\bottomrule", r"\end{tabular}", ""]
+        return "\n".join([f"% {self.title}", *lines, *(f"% {note}" for note in self.notes), ""])
+
     def rich(self) -> Group:
         """Return the table for a rich console."""
-        table = Table(title=self.title, title_justify="left", title_style="bold", pad_edge=False)
+        table = Table(
+            title=self.title, title_justify="left", title_style="bold", pad_edge=False, box=box.HORIZONTALS
+        )
         for number, column in enumerate(self.columns):
             label = number < self.labels
             table.add_column(Text(column), justify="left" if label else "right", no_wrap=not label)
@@ -54,3 +98,41 @@ def plus_minus(mean: float | None, spread: float | None, digits: int = 2) -> str
 
 def _line(cells: Sequence[str]) -> str:
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def _html_row(row: Sequence[str], labels: int) -> str:
+    start = ' class="start"' if row[0] else ""
+    cells = (
+        f"<{tag}>{html.escape(cell)}</{tag}>"
+        for tag, cell in zip(["th"] * labels + ["td"] * (len(row) - labels), row, strict=True)
+    )
+    return f"<tr{start}>{''.join(cells)}</tr>"
+
+
+_LATEX = {
+    "\\": r"\textbackslash{}",
+    "&": r"\&",
+    "%": r"\%",
+    "#": r"\#",
+    "_": r"\_",
+    "±": r"$\pm$",
+    "≈": r"$\approx$",
+    "↑": r"$\uparrow$",
+    "↓": r"$\downarrow$",
+    "‡": r"$\ddagger$",
+    "†": r"$\dagger$",
+    "°": r"$^\circ$",
+    "β": r"$\beta$",
+    "‖": r"$\|$",
+    "b̂": r"$\hat b$",
+    "–": "--",
+    "…": r"\ldots{}",
+    "§": r"\S",
+}
+
+
+def _latex_row(row: Sequence[str]) -> str:
+    cells = list(row)
+    for plain, command in _LATEX.items():
+        cells = [cell.replace(plain, command) for cell in cells]
+    return " & ".join(cells) + r" \\"

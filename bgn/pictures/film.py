@@ -13,6 +13,7 @@ from PIL import Image as Pillow
 from PIL import ImageDraw, ImageFont
 
 from bgn.domains.domain import Domain
+from bgn.physics import RenderingUnavailableError
 from bgn.physics.world import EpisodeState, PhysicsWorld
 from bgn.pictures.belief_panels import (
     FINGER,
@@ -63,15 +64,17 @@ class Film:
     shots: list[Shot]
 
 
-def record(domain: Domain, policy: Policy, seed: int) -> Film:
-    """Play one episode in physics and film it.
+def record(domain: Domain, policy: Policy, seed: int, *, scene: bool = True) -> Film:
+    """Play one episode in physics and film it; without ``scene`` only the beliefs, which needs no OpenGL.
 
     Raises
     ------
     RenderingUnavailableError
-        This machine has no OpenGL.
+        The scene is to be filmed, and this machine has no OpenGL.
     """
     world, rng = PhysicsWorld(domain), np.random.default_rng(seed)
+    if not scene:
+        return Film(domain, list(_shots(world, None, policy, rng)))
     camera = Camera(world.scene, *world.scene.view)
     try:
         return Film(domain, list(_shots(world, camera, policy, rng)))
@@ -79,20 +82,31 @@ def record(domain: Domain, policy: Policy, seed: int) -> Film:
         camera.close()
 
 
-def _shots(world: PhysicsWorld, camera: Camera, policy: Policy, rng: np.random.Generator) -> Iterator[Shot]:
+def record_if_possible(domain: Domain, policy: Policy, seed: int) -> Film:
+    """Play one episode in physics and film it, the scene only where this machine has OpenGL."""
+    try:
+        return record(domain, policy, seed)
+    except RenderingUnavailableError:
+        return record(domain, policy, seed, scene=False)
+
+
+def _shots(
+    world: PhysicsWorld, camera: Camera | None, policy: Policy, rng: np.random.Generator
+) -> Iterator[Shot]:
     state = world.reset(rng)
     policy.reset(rng)
     names = world.domain.model.joint.action_names
     label, action = "start", None
-    frames = [camera.frame()]
+    frames = [] if camera is None else [camera.frame()]
     while not (state.ended or state.truncated):
         choice = policy.act(state.observation, action)
         yield Shot(state, _predicted(policy), label, frames)
         action, label, frames = choice, names[choice], []
-        tick = _Ticker(camera, frames)
-        world.scene.observer = tick.tick
+        if camera is not None:
+            world.scene.observer = _Ticker(camera, frames).tick
         state = world.step(choice)
-        frames.append(camera.frame())
+        if camera is not None:
+            frames.append(camera.frame())
     yield Shot(state, _predicted(policy), label, frames)
 
 
@@ -148,27 +162,36 @@ def _palette(pictures: Sequence[Pillow.Image]) -> Pillow.Image:
 
 
 def save_strip(film: Film, path: Path, columns: int = STRIP_COLUMNS) -> None:
-    """Write up to ``columns`` moments side by side: scene, predicted belief, true belief."""
+    """Write the picture of :func:`strip`."""
+    strip(film, columns).save(path)
+
+
+def strip(film: Film, columns: int = STRIP_COLUMNS) -> Pillow.Image:
+    """Return up to ``columns`` moments side by side: scene (where it was filmed), predicted belief, true belief."""
     chosen = sorted({round(i) for i in np.linspace(0, len(film.shots) - 1, columns)})
     strips = [_column(film.domain, number, film.shots[number]) for number in chosen]
     width, height = strips[0].size
     gap = 8
     picture = Pillow.new("RGB", ((width + gap) * len(strips) - gap, height), "white")
-    for i, strip in enumerate(strips):
-        picture.paste(strip, (i * (width + gap), 0))
-    picture.save(path)
+    for i, column in enumerate(strips):
+        picture.paste(column, (i * (width + gap), 0))
+    return picture
 
 
 def _column(domain: Domain, number: int, shot: Shot) -> Pillow.Image:
-    scene = Pillow.fromarray(shot.frames[-1])
-    wide = 300
-    scene = scene.resize((wide, round(scene.height * wide / scene.width)), Pillow.Resampling.LANCZOS)
     panel = Pillow.fromarray(_panels(domain, shot))
-    picture = Pillow.new("RGB", (wide, CAPTION + scene.height + panel.height), "white")
+    wide, scene = panel.width, None
+    if shot.frames:
+        wide = max(300, panel.width)
+        scene = Pillow.fromarray(shot.frames[-1])
+        scene = scene.resize((wide, round(scene.height * wide / scene.width)), Pillow.Resampling.LANCZOS)
+    above = CAPTION + (0 if scene is None else scene.height)
+    picture = Pillow.new("RGB", (wide, above + panel.height), "white")
     caption, colour = _caption(number, shot)
     _write(picture, (4, 4), caption, colour)
-    picture.paste(scene, (0, CAPTION))
-    picture.paste(panel, ((wide - panel.width) // 2, CAPTION + scene.height))
+    if scene is not None:
+        picture.paste(scene, (0, CAPTION))
+    picture.paste(panel, ((wide - panel.width) // 2, above))
     return picture
 
 

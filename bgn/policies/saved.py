@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from bgn import domains
-from bgn.agents.hyperparameters import CommonHyperparameters, Hyperparameters
+from bgn.agents.hyperparameters import CommonHyperparameters
 from bgn.agents.networks import AgentNetworks
 from bgn.agents.specs import agent
 from bgn.domains.domain import Domain
@@ -182,14 +182,21 @@ def describe(path: Path) -> dict[str, Any]:
     return description
 
 
-def _settings(described: Any) -> Hyperparameters:
-    """Return a description's settings, each of its type: what is built from them must have a sane size."""
-    settings = Hyperparameters(**described)
-    defaults = Hyperparameters()
-    for field in fields(Hyperparameters):
-        value, kind = getattr(settings, field.name), type(getattr(defaults, field.name))
+def _settings(described: Mapping[str, Any]) -> CommonHyperparameters:
+    """Return what the networks need of a run's settings, whichever algorithm the rest belong to.
+
+    Each is of its type, and of a sane size, since networks are built from them.
+    """
+    needed = {"shared_recurrence", "recurrent_hidden_layers"}  # without these the tensors' shapes are unknown
+    if not needed <= set(described):
+        raise ValueError(f"the hyperparameters lack {', '.join(sorted(needed - set(described)))}")
+    known = {field.name for field in fields(CommonHyperparameters)}
+    settings = CommonHyperparameters(**{name: value for name, value in described.items() if name in known})
+    defaults = CommonHyperparameters()
+    for name in sorted(known):
+        value, kind = getattr(settings, name), type(getattr(defaults, name))
         if not (type(value) is kind or (kind is float and type(value) is int)):
-            raise ValueError(f"hyperparameter {field.name} is {value!r}; expected a {kind.__name__}")
+            raise ValueError(f"hyperparameter {name} is {value!r}; expected a {kind.__name__}")
     if not 0 <= settings.recurrent_hidden_layers <= MAX_LAYERS:
         found = settings.recurrent_hidden_layers
         raise ValueError(f"hyperparameter recurrent_hidden_layers is {found}; expected 0 to {MAX_LAYERS}")

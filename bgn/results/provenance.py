@@ -33,6 +33,8 @@ _WITHOUT: Final = (
     "bgn.domains.registry",  # how a domain is found and built; its tables are hashed
     "bgn.domains.layout",  # for pictures
     "bgn.training.checkpoint:save",  # how a file is written
+    "bgn.policies.saved:describe",  # how a file is read
+    "bgn.training.trainer:_Stack._resume",  # and found again: a resumed run is the same run
     "bgn.training.cuda",  # how cells share a GPU
 )
 

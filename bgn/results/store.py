@@ -5,7 +5,8 @@ Under ``results/local/<budget>/<preset>/``, for the run ``hallway/ah-ch/seed-3``
 - ``runs/hallway/ah-ch/seed-3.parquet``: the run's row, written last, so that it stands for all the others;
 - ``runs/hallway/ah-ch/seed-3.failed.parquet``: the last failed attempt, gone once the run succeeds;
 - ``curves/hallway/ah-ch/seed-3.parquet``: its learning curve;
-- ``policies/hallway/ah-ch/seed-3.safetensors``: its policy.
+- ``policies/hallway/ah-ch/seed-3.safetensors``: its policy;
+- ``measures/hallway/ah-ch/seed-3.parquet``: what was measured of that policy afterwards, if anything.
 
 ``references/hallway/sarsop/clean.parquet`` is the row of a policy that is not trained, ``tables/`` holds what
 is printed, and ``.work/`` unfinished stacks of runs, which are no results.
@@ -29,7 +30,7 @@ from bgn.errors import BgnError
 from bgn.results import schema
 from bgn.results.atomic import TORN, write_bytes
 
-Kind = Literal["runs", "curves", "references"]
+Kind = Literal["runs", "curves", "references", "measures"]
 _FAILED = ".failed"
 _ADVICE = "; `python -m benchmarks run` sets aside what is damaged and computes it anew"
 #: Above every shard: what asks for more is damaged, or meant to fill the memory.
@@ -123,7 +124,7 @@ class Store:
             raise StoreError(
                 f"the shards in {self.root / kind} do not fit together: {error}{_ADVICE}"
             ) from error
-        lacking = () if kind == "curves" else {*schema.OUTCOME, *schema.PROVENANCE} - set(frame)
+        lacking = () if kind in ("curves", "measures") else {*schema.OUTCOME, *schema.PROVENANCE} - set(frame)
         return frame.assign(**dict.fromkeys(lacking))  # all of an older version, which knew fewer columns
 
     @contextlib.contextmanager

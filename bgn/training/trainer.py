@@ -6,7 +6,7 @@ import logging
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from bgn.training.cell import CellSpec, Interrupted, Progress, RunResult
 from bgn.training.cuda import lost_devices, own_stream
 from bgn.training.evaluation import evaluate
 from bgn.training.learners import make_learner
-from bgn.training.physics_evaluation import MissingPhysicsError, evaluate_policy
+from bgn.training.physics_evaluation import evaluate_policy, has_physics
 from bgn.training.update_runner import UpdateRunner
 
 #: Points of a curve: half of them spaced evenly, half by powers, so that the start is dense.
@@ -92,7 +92,7 @@ class _Stack:
         physics: bool,
     ) -> None:
         self.spec, self.seeds, self.checkpoint, self.on_progress = spec, seeds, checkpoint, on_progress
-        self.physics = physics and spec.physics_episodes > 0
+        self.physics = physics and spec.physics_episodes > 0 and has_physics()
         self.domain = domains.get(spec.domain, **spec.variant)
         settings = spec.hyperparameters
         self.learner = make_learner(agent(spec.agent), self.domain, settings, seeds, device)
@@ -176,8 +176,7 @@ class _Stack:
         names = networks.actor_parameters()
         policy = {n: t for n, t in networks.parameters.of_seed(0).items() if n in names}
         if self.physics:
-            with suppress(MissingPhysicsError):
-                metrics |= evaluate_policy(self.spec, policy, self.seeds[i])
+            metrics |= evaluate_policy(self.spec, policy, self.seeds[i])
         metrics |= {
             "env_steps_per_second": self.updates
             * self.steps_per_update

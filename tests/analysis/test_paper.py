@@ -16,7 +16,7 @@ def test_every_cell_has_its_kind_of_reference() -> None:
 
 
 def test_only_the_grounded_history_agent_is_claimed_to_be_perfect() -> None:
-    perfect = {agent for (_, agent), claim in paper.CLAIMS.items() if claim.kind == "perfect"}
+    perfect = {agent for (_, agent), claim in paper.CELL_CLAIMS.items() if claim.kind == "perfect"}
     assert perfect == {"ah-ch+bgn"}
 
 

@@ -11,9 +11,14 @@ from scipy import stats
 from bgn.analysis.statistics import (
     Sample,
     binomial_interval,
+    detectable_gap,
     equivalence_p,
+    equivalence_power,
     holm,
     prediction_interval,
+    rate_error,
+    rate_interval,
+    spearman,
     welch_p,
 )
 
@@ -34,12 +39,61 @@ def test_welch_by_hand() -> None:
     assert welch_p(a, b) == pytest.approx(2 * stats.t.sf(t, freedom))
 
 
-def test_welch_without_spread_is_certain() -> None:
+def test_no_spread_and_no_known_error_is_no_certainty() -> None:
     same, other = Sample(1.0, 0.0, 3), Sample(2.0, 0.0, 3)
-    assert welch_p(same, same) == 1.0
-    assert welch_p(same, other) == 0.0
-    assert welch_p(same, other, tail="less") == 0.0
-    assert welch_p(same, other, tail="greater") == 1.0
+    assert math.isnan(welch_p(same, same))
+    assert math.isnan(welch_p(same, other))
+    assert math.isnan(equivalence_p(same, other, tolerance=5.0))
+    assert math.isnan(detectable_gap(same, other, level=0.05))
+
+
+def test_spread_is_never_less_than_the_error_of_measuring() -> None:
+    # Three seeds that all succeeded a hundred times of a hundred: (100.5 / 101), its error over 100 episodes.
+    rate = 100.5 / 101
+    error = math.sqrt(rate * (1 - rate) / 100)
+    assert rate_error(1.0, 100) == pytest.approx(error)
+    perfect = Sample.of([1.0, 1.0, 1.0], [rate_error(1.0, 100)] * 3)
+    assert perfect.unbiased_sd == pytest.approx(error)
+    # Against .99 in three seeds of as many episodes: not significant, though neither has any spread.
+    other = Sample.of([0.99, 0.99, 0.99], [rate_error(0.99, 100)] * 3)
+    assert 0.05 < welch_p(other, perfect, tail="less") < 0.5
+    # Where seeds differ by more, their spread counts.
+    assert Sample.of([0.0, 1.0], [0.01, 0.01]).unbiased_sd == pytest.approx(math.sqrt(0.5))
+
+
+def test_power_by_hand() -> None:
+    # Unbiased deviation 1, ten values each: the difference's error is sqrt(.2), 18 degrees of freedom.
+    sd = 1 / math.sqrt(10 / 9)
+    a, b = Sample(0.0, sd, 10), Sample(0.0, sd, 10)
+    error = math.sqrt(0.2)
+    reach = stats.t.ppf(0.975, 18) + stats.t.ppf(0.8, 18)
+    assert detectable_gap(a, b, level=0.05) == pytest.approx(reach * error)
+    expected = 2 * stats.t.cdf(2 / error - stats.t.ppf(0.95, 18), 18) - 1
+    assert equivalence_power(a, b, tolerance=2.0, level=0.05) == pytest.approx(expected)
+    assert equivalence_power(a, b, tolerance=0.1, level=0.05) == 0.0
+
+
+def test_detectable_gap_is_seen_four_times_in_five() -> None:
+    random = np.random.default_rng(0)
+    gap = detectable_gap(Sample(0, math.sqrt(0.9), 10), Sample(0, math.sqrt(0.9), 10), level=0.05)
+    a, b = random.normal(size=(4000, 10)), random.normal(gap, size=(4000, 10))
+    seen = np.mean(stats.ttest_ind(a, b, axis=1, equal_var=False).pvalue < 0.05)
+    assert seen == pytest.approx(0.8, abs=0.03)
+
+
+def test_rate_interval_keeps_seeds_and_episodes_in_sight() -> None:
+    # .990, .995, .998: pooled "perfect" (.992 at the lower end), but a seed's mean may be .984.
+    low, high = rate_interval([0.990, 0.995, 0.998], [1000] * 3)
+    assert low == pytest.approx(0.9843, abs=2e-4)
+    assert high == 1.0
+    # 300 of 300 in three seeds without any spread: Clopper-Pearson's .025^(1/300).
+    assert rate_interval([1.0, 1.0, 1.0], [100] * 3) == pytest.approx((0.025 ** (1 / 300), 1.0))
+    assert rate_interval([0.5], [1000]) == (0.0, 1.0)  # one seed says nothing of others
+
+
+def test_spearman() -> None:
+    assert spearman([1, 2, 3, 4], [4, 3, 2, 1])[0] == pytest.approx(-1.0)
+    assert math.isnan(spearman([1, 2, 3], [5, 5, 5])[0])
 
 
 def test_one_value_has_no_test() -> None:
@@ -61,6 +115,10 @@ def test_holm_by_hand() -> None:
     # Two tests not done yet count as undecided ones.
     assert holm([0.04, 0.01, 0.02], family=5) == pytest.approx([0.12, 0.05, 0.08])
     assert holm([0.6, 0.9], family=2) == [1.0, 1.0]
+    # What could not be tested stays undecided, and counts as not done yet.
+    undecided = holm([0.01, math.nan], family=2)
+    assert undecided[0] == pytest.approx(0.02)
+    assert math.isnan(undecided[1])
     with pytest.raises(ValueError, match="family of 1"):
         holm([0.1, 0.2], family=1)
 

@@ -21,16 +21,30 @@ CELL = ("rocksample-4-4", "ah-ch+bgn")  # the paper: 14.14 ± 0.21
         (Sample(17.00, 0.2, 10), Verdict.EXCEEDS),
         (Sample(11.00, 0.2, 10), Verdict.FALLS_SHORT),
         (Sample(13.00, 6.0, 10), Verdict.INCONCLUSIVE),
+        # The paper's own mean, but three seeds are too few where the test is one of twenty.
+        (Sample(14.14, 0.2, 3), Verdict.INCONCLUSIVE),
     ],
 )
-def test_the_four_outcomes(ours: Sample, expected: Verdict) -> None:
+def test_the_outcomes(ours: Sample, expected: Verdict) -> None:
     assert verdicts.judge_numbers({CELL: ours}, TOLERANCES)[CELL].verdict is expected
 
 
-def test_differences_are_corrected_for_all_twenty_numbers() -> None:
+def test_both_families_are_corrected_for_all_twenty_numbers() -> None:
     ours = Sample(13.9, 0.2, 10)
-    alone = verdicts.judge_numbers({CELL: ours}, TOLERANCES)[CELL].p_difference
-    assert alone == pytest.approx(20 * verdicts.difference_p(ours, paper.RETURNS[CELL]))
+    alone = verdicts.judge_numbers({CELL: ours}, TOLERANCES)[CELL]
+    assert alone.p_difference == pytest.approx(20 * verdicts.difference_p(ours, paper.RETURNS[CELL]))
+    uncorrected = verdicts.rounded_equivalence_p(ours, paper.RETURNS[CELL], tolerance=1.0)
+    assert alone.p_equivalence == pytest.approx(20 * uncorrected)
+    assert alone.power > 0.99
+
+
+def test_equivalence_is_out_of_reach_in_two_cells_of_the_paper() -> None:
+    out = {
+        cell
+        for cell, printed in paper.RETURNS.items()
+        if not verdicts.attainable(printed, tolerance=TOLERANCES[cell[0]])
+    }
+    assert out == {("hallway", "ah-cs"), ("rocksample-4-4", "ah-cb")}
 
 
 def test_single_runs_and_cells_without_numbers_are_not_judged() -> None:
@@ -56,11 +70,13 @@ def test_rounding_is_taken_at_its_least_favourable(
     assert equivalence_p(ours, true, tolerance=0.1) <= rounded + 1e-6
 
 
-def test_perfection() -> None:
+def test_perfection_is_of_seeds() -> None:
     judge = verdicts.judge_perfection
-    assert judge(3000, 3000, tolerance=0.05).verdict is Verdict.REPRODUCED
-    assert judge(2500, 3000, tolerance=0.05).verdict is Verdict.FALLS_SHORT
-    assert judge(20, 20, tolerance=0.05).verdict is Verdict.INCONCLUSIVE
+    assert judge([1.0] * 3, [1000] * 3, tolerance=0.01).verdict is Verdict.REPRODUCED
+    assert judge([0.990, 0.995, 0.998], [1000] * 3, tolerance=0.01).verdict is Verdict.INCONCLUSIVE
+    assert judge([0.8, 0.82, 0.81], [1000] * 3, tolerance=0.01).verdict is Verdict.FALLS_SHORT
+    assert judge([1.0] * 3, [100] * 3, tolerance=0.01).verdict is Verdict.INCONCLUSIVE
+    assert judge([1.0], [100000], tolerance=0.01).verdict is Verdict.TOO_FEW_RUNS
 
 
 def test_claims_of_being_below_the_grounded_agent() -> None:
@@ -81,8 +97,11 @@ def test_claims_of_being_below_the_grounded_agent() -> None:
     )
     assert reversed_["top-plate", "ah-ch"].verdict is Verdict.EXCEEDS
     as_good = verdicts.judge_below(
-        {("top-plate", "ah-ch"): Sample(1.0, 0.0, 3), ("top-plate", "ah-cs"): Sample(0.98, 0.02, 3)},
-        {"top-plate": Sample(1.0, 0.0, 3)},
+        {
+            ("top-plate", "ah-ch"): Sample(1.0, 0.0, 10, 0.0007),
+            ("top-plate", "ah-cs"): Sample(0.98, 0.02, 10),
+        },
+        {"top-plate": Sample(1.0, 0.0, 10, 0.0007)},
         tolerances,
     )
     assert as_good["top-plate", "ah-ch"].verdict is Verdict.EXCEEDS

@@ -103,7 +103,7 @@ def test_without_a_shared_folder_shards_come_through_the_scheduler(
     runs = store.read("runs").set_index("run")["status"]
     assert runs["top-plate/ah-ch/seed-1"] == "ok"
     assert runs[f"top-plate/{fakes.FAILING_AGENT}/seed-1"] == "failed"
-    assert store.policy("top-plate/ah-ch/seed-0").read_bytes() == b"ah-ch"
+    assert b"ah-ch" in store.policy("top-plate/ah-ch/seed-0").read_bytes()
     assert set(store.read("curves")["run"]) == {"top-plate/ah-ch/seed-0", "top-plate/ah-ch/seed-1"}
 
 

@@ -63,11 +63,20 @@ def test_a_second_run_does_nothing_but_print(
     assert stored(tmp_path).read("runs")["finished_at"].max() == written
     n = n_runs + 4 * 2 + 5 * 2
     assert f"{n} of {n} runs and reference rows are done" in second
-    tables = first[first.index("All metrics") :]
+    tables = first[first.index("What the paper claims") :]
     assert second.endswith(tables)
     assert "Raw returns (paper, Table 7)" in tables
-    assert "Normalised returns (paper, Table 8)" in tables
-    assert (tmp_path / "smoke" / PRESET / "tables" / "tables.md").is_file()
+    assert "Normalised returns" not in tables
+    written = (tmp_path / "smoke" / PRESET / "tables" / "tables.md").read_text()
+    assert "Normalised returns (paper, Table 8)" in written
+
+    show = ["tables", "--budget", "smoke", "--results", str(tmp_path)]
+    assert main([*show, "--all"]) == 0
+    everything = capsys.readouterr().out
+    assert "Normalised returns (paper, Table 8)" in everything
+    assert max(map(len, everything.splitlines())) <= 100
+    assert main([*show, "--format", "csv"]) == 0
+    assert "Agent,,Hallway" in capsys.readouterr().out
 
 
 def test_failures_are_rows_and_the_rest_goes_on(

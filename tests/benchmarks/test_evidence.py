@@ -52,9 +52,9 @@ def test_curves_are_read_once_and_only_when_asked_for(
     original = evidence.Store.read
     monkeypatch.setattr(evidence.Store, "read", lambda self, kind: read.append(kind) or original(self, kind))
     found = evidence.load(results, budget="smoke")
-    assert read == ["runs", "references"]
+    assert read == ["runs", "measures", "references"]
     assert found.curves is found.curves
-    assert read == ["runs", "references", "curves"]
+    assert read == ["runs", "measures", "references", "curves"]
 
 
 def test_what_is_not_stored_is_answered_with_what_is(

@@ -30,7 +30,8 @@ def tiny_registry() -> Registry:
             "env_steps": dict.fromkeys(shipped.domains, 4000),
             "evaluation_episodes": 50,
             "reference_episodes": 50,
-            "planning_seconds": 1.0,
+            "planning_backups": 200,
+            "planning_seconds": 60.0,
         }
     )
     return shipped.model_copy(update={"budgets": {**shipped.budgets, BUDGET: budget}})

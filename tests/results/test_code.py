@@ -269,12 +269,12 @@ EDITS = [
     ("bgn/training/recorder.py", "WINDOW = 100", "WINDOW = 50", TRAINED),
     ("bgn/training/trainer.py", "CURVE_POINTS = 240", "CURVE_POINTS = 200", TRAINED),
     # The world
-    ("bgn/simulation/table_world.py", "self.steps += 1", "self.steps += 2", TRAINED),
+    ("bgn/simulation/table_world.py", "self.steps += 1", "self.steps += 2", ALL),
     (
         "bgn/simulation/compiled_tables.py",
         "MAX_LISTED_PREDECESSORS = ",
         "MAX_LISTED_PREDECESSORS = 1 + ",
-        TRAINED,
+        ALL,
     ),
     ("bgn/pomdp/model.py", "SUM_TOLERANCE = 1e-5", "SUM_TOLERANCE = 1e-4", ALL),
     # The evaluation
@@ -315,7 +315,7 @@ HARMLESS_EDITS = [
     ("bgn/environments/registration.py", '"bgn/', '"bgn-'),
     ("bgn/analysis/tables.py", "_CI = 1.96", "_CI = 2.0"),
     ("bgn/analysis/paper.py", ANNOTATIONS, f"{ANNOTATIONS}X = 1\n"),
-    ("bgn/analysis/figures.py", ANNOTATIONS, f"{ANNOTATIONS}print(1)\n"),
+    ("bgn/analysis/figures/curves.py", ANNOTATIONS, f"{ANNOTATIONS}print(1)\n"),
     ("bgn/pictures/maps.py", ANNOTATIONS, f"{ANNOTATIONS}print(1)\n"),
     ("bgn/results/store.py", '"zstd"', '"snappy"'),
     ("bgn/results/schema.py", '"env_steps",', '"env_steps", "more",'),

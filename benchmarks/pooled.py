@@ -1,0 +1,159 @@
+"""Several stores of one preset read as one: for each domain the budget that trained it longest.
+
+A domain's cells always come from one budget, so that agents are compared at equal horizons; which budget is a matter of
+its length alone, never of what came out.
+"""
+
+from __future__ import annotations
+
+import json
+import pathlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import pandas as pd
+
+from benchmarks import evidence
+from benchmarks import registry as registries
+from benchmarks.evidence import EvidenceError, StoredEvidence
+from benchmarks.registry import Registry
+from bgn.agents.specs import agent
+from bgn.analysis import cells
+from bgn.results.run_ids import RunId
+from bgn.results.store import Store
+
+if TYPE_CHECKING:
+    from bgn.policies.saved import NetworkPolicy
+
+LONGEST = "longest"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PooledEvidence(StoredEvidence):
+    """Evidence whose domains come from several budgets of one preset."""
+
+    parts: Mapping[str, StoredEvidence]
+    """The evidence that each domain was taken from, by domain id."""
+
+    @cached_property
+    def curves(self) -> pd.DataFrame:
+        """The learning curves of all runs (see :attr:`StoredEvidence.curves`)."""
+        frames = [
+            part.curves[part.curves["domain"] == domain]
+            for domain, part in self.parts.items()
+            if len(part.runs)
+        ]
+        return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame()
+
+    def policy(self, run: str | RunId, *, greedy: bool = True) -> NetworkPolicy:
+        """Return the trained policy of a run (see :meth:`StoredEvidence.policy`)."""
+        domain = (RunId.parse(run) if isinstance(run, str) else run).cell.domain
+        if domain not in self.parts:
+            raise EvidenceError(f"no results of {domain}; there are some of {', '.join(self.parts)}")
+        return self.parts[domain].policy(run, greedy=greedy)
+
+    def policies(self) -> tuple[str, ...]:
+        """Return the ids of the finished runs whose policies are stored."""
+        return tuple(
+            run
+            for domain, part in self.parts.items()
+            for run in part.policies()
+            if RunId.parse(run).cell.domain == domain
+        )
+
+    @property
+    def budgets(self) -> Mapping[str, str]:
+        """The budget that each domain was taken from."""
+        return {domain: part.budget for domain, part in self.parts.items()}
+
+
+def stored(results: str | pathlib.Path, registry: Registry | None = None) -> pd.DataFrame:
+    """Return what a results folder holds: columns budget, preset, domain, agents, runs, env_steps.
+
+    One row per budget, preset and domain, in the registry's order; names that it does not know are left out.
+    """
+    registry = registries.load() if registry is None else registry
+    rows = []
+    for budget in registry.budgets:
+        for preset in registry.presets:
+            if (pathlib.Path(results) / budget / preset / "runs").is_dir():
+                runs = Store(pathlib.Path(results) / budget / preset).read("runs")
+                rows += _described(runs, budget, preset)
+    columns = ["budget", "preset", "domain", "agents", "runs", "env_steps"]
+    frame = pd.DataFrame(rows, columns=columns)
+    order = {domain: i for i, domain in enumerate(registry.domains)}
+    return frame[frame["domain"].isin(order)].sort_values(
+        ["budget", "preset", "domain"],
+        key=lambda c: c.map(order) if c.name == "domain" else c,
+        kind="stable",
+        ignore_index=True,
+    )
+
+
+def load(
+    results: str | pathlib.Path,
+    *,
+    preset: str | None = None,
+    budget: str | None = None,
+    registry: Registry | None = None,
+) -> PooledEvidence:
+    """Read, for each domain, the longest runs of a preset (or those of one budget).
+
+    Raises
+    ------
+    EvidenceError
+        Nothing of the kind is stored; the message names what is.
+    """
+    registry = registries.load() if registry is None else registry
+    preset = registry.defaults.preset if preset is None else preset
+    overview = stored(results, registry)
+    of_preset = overview[overview["preset"] == preset]
+    chosen = of_preset if budget in (None, LONGEST) else of_preset[of_preset["budget"] == budget]
+    if chosen.empty:
+        have = sorted({f"{row.budget}/{row.preset}" for row in overview.itertuples()})
+        raise EvidenceError(
+            f"{results} holds no runs of {budget or 'any budget'}/{preset}; stored: {', '.join(have) or 'nothing'}"
+        )
+    longest = chosen.sort_values("env_steps", kind="stable").groupby("domain").last()["budget"]
+    parts = {b: evidence.load(results, budget=b, preset=preset, registry=registry) for b in set(longest)}
+    return _pool(registry, preset, {d: parts[longest[d]] for d in registry.domains if d in longest.index})
+
+
+def _pool(registry: Registry, preset: str, parts: Mapping[str, StoredEvidence]) -> PooledEvidence:
+    runs, references = (
+        pd.concat(
+            [getattr(part, kind)[getattr(part, kind)["domain"] == domain] for domain, part in parts.items()],
+            ignore_index=True,
+        )
+        for kind in ("runs", "references")
+    )
+    rows = [evidence.domain_row(registry, domain) for domain in parts]
+    names = sorted({part.budget for part in parts.values()}, key=list(registry.budgets).index)
+    remarks = [remark for part in {id(p): p for p in parts.values()}.values() for remark in part.remarks]
+    first = next(iter(parts.values()))
+    return PooledEvidence(
+        cells=cells.summarise(runs, rows, registry.agents),
+        runs=runs,
+        references=references,
+        domains=rows,
+        agent_titles={name: agent(name).title for name in registry.agents},
+        reference_titles={name: entry.title for name, entry in registry.references.items()},
+        remarks=remarks,
+        budget=" and ".join(names),
+        preset=preset,
+        store=first.store,
+        parts=parts,
+    )
+
+
+def _described(runs: pd.DataFrame, budget: str, preset: str) -> list[list[object]]:
+    if runs.empty:
+        return []
+    finished = runs[runs["status"] == "ok"]
+    rows: list[list[object]] = []
+    for domain, group in finished.groupby("domain"):
+        steps = max(int(json.loads(spec)["env_steps"]) for spec in group["spec"])
+        rows.append([budget, preset, domain, group["agent"].nunique(), len(group), steps])
+    return rows

@@ -1,0 +1,609 @@
+"""How a sentence of the paper becomes a question that stored runs can answer.
+
+Each criterion names its cells and judges them. All follow one pattern. A claim about several comparisons *holds*
+if every one of them is significant by itself (an intersection-union test needs no correction); it *does not hold* if
+any is significantly contradicted (Holm-corrected over the comparisons); otherwise it stays *inconclusive*. Comparisons
+whose cells are missing or shorter than the paper's runs can't make a claim hold.
+"""
+
+from __future__ import annotations
+
+import enum
+import itertools
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from bgn.analysis import aggregate
+from bgn.analysis.aggregate import Array
+from bgn.analysis.cells import evaluation_episodes
+from bgn.analysis.scores import UPPER, Scores
+from bgn.analysis.statistics import (
+    Sample,
+    equivalence_p,
+    holm,
+    mean_interval,
+    rate_interval,
+    spearman,
+    welch_p,
+)
+from bgn.analysis.verdicts import SIGNIFICANCE, Cell
+from bgn.domains.episode_opening import CLEAN
+
+Pair = tuple[Cell, Cell]
+
+
+class Answer(enum.Enum):
+    """What the stored runs say to a claim."""
+
+    HOLDS = "holds"
+    FAILS = "does not hold"
+    INCONCLUSIVE = "inconclusive"
+    SHORT = "short"
+    """Runs are shorter than the paper's horizon."""
+    MISSING = "not run"
+    """Cells, or a second seed, are missing."""
+    NOT_MEASURED = "not measured"
+    """No stored quantity answers it."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """The answer to a claim and the statistic it rests on."""
+
+    answer: Answer
+    statistic: str = ""
+
+
+class Criterion(Protocol):
+    """What is asked of the store."""
+
+    @property
+    def cells(self) -> tuple[Cell, ...]:
+        """The cells whose runs decide."""
+        ...
+
+    def judge(self, scores: Scores) -> Finding:
+        """Ask it."""
+        ...
+
+
+@dataclass(frozen=True)
+class NotMeasured:
+    """A claim that no run of this project can answer, with the reason."""
+
+    reason: str
+    cells: tuple[Cell, ...] = ()
+
+    def judge(self, scores: Scores) -> Finding:
+        """Say why not."""
+        return Finding(Answer.NOT_MEASURED, self.reason)
+
+
+@dataclass(frozen=True)
+class Better:
+    """Each of some agents scores higher than each of others, in every domain."""
+
+    higher: tuple[str, ...]
+    lower: tuple[str, ...]
+    domains: tuple[str, ...]
+
+    @property
+    def cells(self) -> tuple[Cell, ...]:
+        """Both groups in all domains."""
+        return tuple(itertools.product(self.domains, (*self.higher, *self.lower)))
+
+    def judge(self, scores: Scores) -> Finding:
+        """Run one-sided Welch tests on all pairs; to be worse, or as good within the tolerance, contradicts."""
+        groups = itertools.product(self.domains, self.higher, self.lower)
+        pairs = [((domain, a), (domain, b)) for domain, a, b in groups]
+        ready = _ready(scores, pairs)
+        p_better = [welch_p(*samples, tail="greater") for samples in _samples(scores, ready)]
+        worse = [welch_p(*samples, tail="less") for samples in _samples(scores, ready)]
+        equal = _equivalences(scores, ready)
+        against = np.fmin(holm(worse, family=len(pairs)), holm(equal, family=len(pairs)))
+        better = np.array(p_better) < SIGNIFICANCE  # if by little: what is better is not contradicted
+        counts = f"{better.sum()} of {len(pairs)} comparisons significant"
+        refuted = int(np.sum((against < SIGNIFICANCE) & ~better))
+        text = counts + (f", {refuted} contradict" if refuted else "")
+        return _conclude(scores, self.cells, p_better, refuted > 0, len(pairs), text)
+
+
+@dataclass(frozen=True)
+class Similar:
+    """Agents score the same, within a tolerance, in every domain."""
+
+    agents: tuple[str, ...]
+    domains: tuple[str, ...]
+    tolerance: float | None = None
+    """By default that of the domain."""
+
+    @property
+    def cells(self) -> tuple[Cell, ...]:
+        """All agents in all domains."""
+        return tuple(itertools.product(self.domains, self.agents))
+
+    def judge(self, scores: Scores) -> Finding:
+        """Run TOST on all pairs; a significant difference that isn't negligible contradicts."""
+        pairs = [
+            ((domain, a), (domain, b))
+            for domain in self.domains
+            for a, b in itertools.combinations(self.agents, 2)
+        ]
+        ready = _ready(scores, pairs)
+        equal = _equivalences(scores, ready, self.tolerance)
+        differ = holm([welch_p(*samples) for samples in _samples(scores, ready)], family=len(pairs))
+        refuted = [d < SIGNIFICANCE and not e < SIGNIFICANCE for d, e in zip(differ, equal, strict=True)]
+        text = (
+            f"{sum(p < SIGNIFICANCE for p in equal)} of {len(pairs)} pairs equivalent, {sum(refuted)} differ"
+        )
+        return _conclude(scores, self.cells, equal, any(refuted), len(pairs), text)
+
+
+@dataclass(frozen=True)
+class MatchesIn:
+    """An agent is no worse than others, by more than the tolerance, in so many of the domains."""
+
+    agent: str
+    others: tuple[str, ...]
+    domains: tuple[str, ...]
+    at_least: int
+
+    @property
+    def cells(self) -> tuple[Cell, ...]:
+        """The agent and the others in all domains."""
+        return tuple(itertools.product(self.domains, (self.agent, *self.others)))
+
+    def judge(self, scores: Scores) -> Finding:
+        """Run non-inferiority tests; a domain with a significantly better other, and no match, is lost."""
+        matched, lost = 0, 0
+        for domain in self.domains:
+            pairs = [((domain, self.agent), (domain, other)) for other in self.others]
+            ready = _ready(scores, pairs)
+            tolerance = scores.domain(domain).tolerance if ready else 0.0
+            samples = _samples(scores, ready)
+            close = [welch_p(*pair, shift=-tolerance, tail="greater") < SIGNIFICANCE for pair in samples]
+            below = holm([welch_p(*pair, tail="less") for pair in samples], family=len(self.others))
+            matched += len(close) == len(pairs) and all(close)
+            lost += any(p < SIGNIFICANCE and not c for p, c in zip(below, close, strict=True))
+        text = f"matches in {matched} of {len(self.domains)} domains, worse in {lost}"
+        if matched >= self.at_least:
+            return Finding(Answer.HOLDS, text)
+        if lost > len(self.domains) - self.at_least:
+            return Finding(Answer.FAILS, text)
+        return Finding(_lacking(scores, self.cells) or Answer.INCONCLUSIVE, text)
+
+
+@dataclass(frozen=True)
+class OrderVaries:
+    """The order of agents is not the same in all domains."""
+
+    agents: tuple[str, ...]
+    domains: tuple[str, ...]
+
+    @property
+    def cells(self) -> tuple[Cell, ...]:
+        """All agents in all domains."""
+        return tuple(itertools.product(self.domains, self.agents))
+
+    def judge(self, scores: Scores) -> Finding:
+        """Look for two agents that are significantly ordered one way in a domain and the other way in another."""
+        combinations = list(itertools.combinations(self.agents, 2))
+        pairs = [((domain, a), (domain, b)) for domain in self.domains for a, b in combinations]
+        ready = _ready(scores, pairs)
+        samples = _samples(scores, ready)
+        p = holm([welch_p(*pair) for pair in samples], family=len(pairs))
+        signs: dict[tuple[str, str], set[bool]] = {}
+        for (first, second), (a, b), value in zip(ready, samples, p, strict=True):
+            if value < SIGNIFICANCE:
+                signs.setdefault((first[1], second[1]), set()).add(a.mean > b.mean)
+        turned = sum(len(both) == 2 for both in signs.values())
+        text = f"{turned} of {len(combinations)} pairs of agents change order"
+        if turned:
+            return Finding(Answer.HOLDS, text)
+        return Finding(_lacking(scores, self.cells) or Answer.INCONCLUSIVE, text)
+
+
+@dataclass(frozen=True)
+class MatchesReference:
+    """Agents score as the upper reference row does, within the tolerance."""
+
+    agents: tuple[str, ...]
+    domains: tuple[str, ...]
+
+    @property
+    def cells(self) -> tuple[Cell, ...]:
+        """All agents in all domains."""
+        return tuple(itertools.product(self.domains, self.agents))
+
+    def judge(self, scores: Scores) -> Finding:
+        """Run TOST of each cell against the row as the paper prints it, from a clean start."""
+        equal, differ = [], []
+        for cell in self.cells:
+            row = scores.reference_sample(cell[0], UPPER["classic"], CLEAN) if scores.ready(cell) else None
+            if row is not None:
+                sample = scores.sample(cell)
+                equal.append(equivalence_p(sample, row, tolerance=scores.domain(cell[0]).tolerance))
+                differ.append(welch_p(sample, row, tail="less"))
+        adjusted = holm(differ, family=len(self.cells))
+        refuted = [d < SIGNIFICANCE and not e < SIGNIFICANCE for d, e in zip(adjusted, equal, strict=True)]
+        text = f"{sum(p < SIGNIFICANCE for p in equal)} of {len(self.cells)} cells equivalent, {sum(refuted)} below"
+        return _conclude(scores, self.cells, equal, any(refuted), len(self.cells), text)
+
+
+@dataclass(frozen=True)
+class ComesClose:
+    """Agents reach a share of the upper reference row, normalised as the paper's Table 8."""
+
+    agents: tuple[str, ...]
+    domains: tuple[str, ...]
+    share: float
+
+    @property
+    def cells(self) -> tuple[Cell, ...]:
+        """All agents in all domains."""
+        return tuple(itertools.product(self.domains, self.agents))
+
+    def judge(self, scores: Scores) -> Finding:
+        """Compare Student's interval of the normalised mean with the share."""
+        intervals: dict[Cell, tuple[float, float]] = {}
+        for cell in self.cells:
+            values = scores.normalised(cell, upper_start=CLEAN) if scores.ready(cell) else np.empty(0)
+            if len(values):
+                intervals[cell] = mean_interval(Sample.of(values.tolist()))
+        return _beside(scores, self.cells, intervals, f"above {self.share:.2f}", lower=self.share)
+
+
+@dataclass(frozen=True)
+class AlonePerfect:
+    """One agent always succeeds in all domains, and no other does."""
+
+    agent: str
+    others: tuple[str, ...]
+    domains: tuple[str, ...]
+
+    @property
+    def cells(self) -> tuple[Cell, ...]:
+        """All agents in all domains."""
+        return tuple(itertools.product(self.domains, (self.agent, *self.others)))
+
+    def judge(self, scores: Scores) -> Finding:
+        """Compare seed-level intervals of the success rate with 1 - tolerance, over all domains together."""
+        perfect = {agent: self._everywhere(scores, agent) for agent in (self.agent, *self.others)}
+        also = [agent for agent in self.others if perfect[agent] is True]
+        ours = {True: "perfect in all", False: "not perfect in all", None: "undecided"}[perfect[self.agent]]
+        excluded = sum(perfect[agent] is False for agent in self.others)
+        text = f"{ours} {len(self.domains)}; of {len(self.others)} others {len(also)} perfect, {excluded} not"
+        if perfect[self.agent] is False or also:
+            return Finding(Answer.FAILS, text)
+        if perfect[self.agent] and excluded == len(self.others):
+            return Finding(Answer.HOLDS, text)
+        return Finding(_lacking(scores, self.cells) or Answer.INCONCLUSIVE, text)
+
+    def _everywhere(self, scores: Scores, agent: str) -> bool | None:
+        """Say whether an agent is perfect in all domains (None: cannot be told)."""
+        answers: list[bool | None] = []
+        for domain in self.domains:
+            if not scores.ready((domain, agent)):
+                answers.append(None)
+                continue
+            low, high = success_interval(scores, (domain, agent))
+            needed = 1 - scores.domain(domain).tolerance
+            answers.append(True if low >= needed else False if high < needed else None)
+        return False if False in answers else None if None in answers else True
+
+
+@dataclass(frozen=True)
+class SucceedsBelow:
+    """Agents' success rates stay below a level."""
+
+    agents: tuple[str, ...]
+    domains: tuple[str, ...]
+    level: float
+
+    @property
+    def cells(self) -> tuple[Cell, ...]:
+        """All agents in all domains."""
+        return tuple(itertools.product(self.domains, self.agents))
+
+    def judge(self, scores: Scores) -> Finding:
+        """Compare seed-level intervals of the success rate with the level."""
+        intervals = {c: success_interval(scores, c) for c in self.cells if scores.ready(c)}
+        return _beside(scores, self.cells, intervals, f"below {self.level:.2f}", upper=self.level)
+
+
+@dataclass(frozen=True)
+class LessStable:
+    """Agents' learning curves fall back further from what they had reached than those of others."""
+
+    agents: tuple[str, ...]
+    calm: tuple[str, ...]
+    domains: tuple[str, ...]
+
+    @property
+    def cells(self) -> tuple[Cell, ...]:
+        """Both groups in all domains."""
+        return tuple(itertools.product(self.domains, (*self.agents, *self.calm)))
+
+    def judge(self, scores: Scores) -> Finding:
+        """Run one-sided Welch tests on the mean fall below the running best, over a run's second half."""
+        groups = itertools.product(self.domains, self.agents, self.calm)
+        pairs = [((domain, a), (domain, b)) for domain, a, b in groups]
+        ready = [pair for pair in _ready(scores, pairs) if all(scores.cell_curves(cell) for cell in pair)]
+        samples = [tuple(_falls(scores, cell) for cell in pair) for pair in ready]
+        less_stable = [welch_p(a, b, tail="greater") for a, b in samples]
+        against = holm([welch_p(a, b, tail="less") for a, b in samples], family=len(pairs))
+        refuted = sum(p < SIGNIFICANCE for p in against)
+        counts = f"{sum(p < SIGNIFICANCE for p in less_stable)} of {len(pairs)} comparisons significant"
+        text = counts + (f", {refuted} contradict" if refuted else "")
+        return _conclude(scores, self.cells, less_stable, refuted > 0, len(pairs), text)
+
+
+@dataclass(frozen=True)
+class LearnsFaster:
+    """An agent reaches 90 % of the upper reference row in fewer steps than another, in every domain."""
+
+    agent: str
+    other: str
+    domains: tuple[str, ...]
+
+    @property
+    def cells(self) -> tuple[Cell, ...]:
+        """Both agents in all domains."""
+        return tuple(itertools.product(self.domains, (self.agent, self.other)))
+
+    def judge(self, scores: Scores) -> Finding:
+        """Run one-sided Mann-Whitney tests on the steps; a run that never gets there counts as slowest."""
+        faster, slower = [], []
+        for domain in self.domains:
+            steps = [learning_steps(scores, (domain, agent)) for agent in (self.agent, self.other)]
+            if min(len(s) for s in steps) < 2 or not all(
+                scores.ready((domain, a)) for a in (self.agent, self.other)
+            ):
+                continue
+            ours, theirs = steps
+            faster.append(_rank_p(ours, theirs))
+            slower.append(_rank_p(theirs, ours))
+        refuted = sum(p < SIGNIFICANCE for p in holm(slower, family=len(self.domains)))
+        counts = f"faster in {sum(p < SIGNIFICANCE for p in faster)} of {len(self.domains)} domains"
+        text = counts + (f", slower in {refuted}" if refuted else "")
+        return _conclude(scores, self.cells, faster, refuted > 0, len(self.domains), text)
+
+
+@dataclass(frozen=True)
+class RecoversHalf:
+    """An agent closes about half of the gap between a lower and a higher one, on average over the domains."""
+
+    agent: str
+    lower: str
+    higher: str
+    domains: tuple[str, ...]
+    around: tuple[float, float] = (0.25, 0.75)
+    """What counts as about half."""
+
+    @property
+    def cells(self) -> tuple[Cell, ...]:
+        """The three agents in all domains."""
+        return tuple(itertools.product(self.domains, (self.agent, self.lower, self.higher)))
+
+    def judge(self, scores: Scores) -> Finding:
+        """Bootstrap the share of the summed gaps."""
+        lacking = _lacking(scores, self.cells)
+        if lacking:
+            return Finding(lacking, "")
+        strata = {f"{d}|{a}": scores.values((d, a)) for d, a in self.cells}
+
+        def share(values: Mapping[str, Array]) -> Array:
+            mean = {name: v.mean(axis=-1) for name, v in values.items()}
+            gained = sum(mean[f"{d}|{self.agent}"] - mean[f"{d}|{self.lower}"] for d in self.domains)
+            gap = sum(mean[f"{d}|{self.higher}"] - mean[f"{d}|{self.lower}"] for d in self.domains)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                return np.asarray(np.where(np.asarray(gap) > 0, gained / np.asarray(gap), np.inf))
+
+        estimate = aggregate.bootstrap(strata, share)
+        text = f"recovers {estimate}"
+        low, high = self.around
+        if low <= estimate.low and estimate.high <= high:
+            return Finding(Answer.HOLDS, text)
+        apart = estimate.high < low or estimate.low > high
+        return Finding(Answer.FAILS if apart else Answer.INCONCLUSIVE, text)
+
+
+@dataclass(frozen=True)
+class ReconstructsBelief:
+    """KL(b ‖ b̂) of a grounded actor stays below a bound, in nats."""
+
+    agent: str
+    domains: tuple[str, ...]
+    bound: float
+
+    @property
+    def cells(self) -> tuple[Cell, ...]:
+        """The agent in all domains."""
+        return tuple((domain, self.agent) for domain in self.domains)
+
+    def judge(self, scores: Scores) -> Finding:
+        """Compare Student's interval of the mean divergence with the bound."""
+        intervals = {}
+        for cell in self.cells:
+            runs = scores.cell_runs(cell)
+            if scores.ready(cell) and "sampled_belief_kl" in runs and runs["sampled_belief_kl"].notna().all():
+                intervals[cell] = mean_interval(Sample.of(runs["sampled_belief_kl"].tolist()))
+        return _beside(scores, self.cells, intervals, f"below {self.bound:.2f} nats", upper=self.bound)
+
+
+@dataclass(frozen=True)
+class BeliefGoesWithScore:
+    """Over the runs of grounded agents, a better reconstructed belief goes with a higher score."""
+
+    agents: tuple[str, ...]
+    domains: tuple[str, ...]
+
+    @property
+    def cells(self) -> tuple[Cell, ...]:
+        """The agents in all domains."""
+        return tuple(itertools.product(self.domains, self.agents))
+
+    def judge(self, scores: Scores) -> Finding:
+        """Rank runs within each domain by divergence and by score; Spearman's correlation of the ranks."""
+        kl, score = [], []
+        for domain in self.domains:
+            frames = [scores.cell_runs((domain, a)) for a in self.agents if scores.ready((domain, a))]
+            runs = pd.concat(frames) if frames else pd.DataFrame()
+            if len(runs) < 3 or "sampled_belief_kl" not in runs:
+                continue
+            runs = runs[runs["sampled_belief_kl"].notna()]
+            kl += (runs["sampled_belief_kl"].rank() / len(runs)).tolist()
+            score += (runs[scores.domain(domain).metric].rank() / len(runs)).tolist()
+        rho, p = spearman(kl, score)
+        if math.isnan(rho):
+            return Finding(
+                _lacking(scores, self.cells) or Answer.INCONCLUSIVE, "too few runs, or none differ"
+            )
+        text = f"rank correlation {rho:.2f} over {len(kl)} runs, p = {p:.3f}"
+        if p < SIGNIFICANCE:
+            return Finding(Answer.HOLDS if rho < 0 else Answer.FAILS, text)
+        return Finding(_lacking(scores, self.cells) or Answer.INCONCLUSIVE, text)
+
+
+@dataclass(frozen=True)
+class LearnsBeforeReward:
+    """A grounded actor's belief loss falls by a share of its whole fall while success is still rare."""
+
+    agent: str
+    domains: tuple[str, ...]
+    rare: float
+    share: float
+
+    @property
+    def cells(self) -> tuple[Cell, ...]:
+        """The agent in all domains."""
+        return tuple((domain, self.agent) for domain in self.domains)
+
+    def judge(self, scores: Scores) -> Finding:
+        """Compare Student's interval of the mean share with the one asked for."""
+        intervals = {}
+        for cell in self.cells:
+            if scores.ready(cell):
+                shares = [early_fall(curve, self.rare) for curve in scores.cell_curves(cell)]
+                shares = [share for share in shares if not math.isnan(share)]
+                if len(shares) > 1:
+                    intervals[cell] = mean_interval(Sample.of(shares))
+        return _beside(scores, self.cells, intervals, f"above {self.share:.2f}", lower=self.share)
+
+
+def success_interval(scores: Scores, cell: Cell) -> tuple[float, float]:
+    """Return the seed-level interval of a cell's success rate in the sampled evaluation."""
+    runs = scores.cell_runs(cell)
+    return rate_interval(runs["sampled_success"].tolist(), evaluation_episodes(runs))
+
+
+def learning_steps(scores: Scores, cell: Cell, share: float = aggregate.LEARNT) -> list[float]:
+    """Return, for each run of a cell, the steps to a share of what the upper reference row earns."""
+    scale = scores.scale(cell[0])
+    if scale is None:
+        return []
+    level, column = share * scale.upper, scores.curve_column(cell[0])
+    return [aggregate.steps_to(curve, column, level) for curve in scores.cell_curves(cell)]
+
+
+def early_fall(curve: pd.DataFrame, rare: float) -> float:
+    """Return which share of the belief loss's fall happened before success first was more than rare."""
+    if "belief_cross_entropy" not in curve:
+        return math.nan
+    loss = curve["belief_cross_entropy"].to_numpy(dtype=float)
+    often = np.flatnonzero((curve["success_100"].to_numpy() > rare) & (curve["episodes"].to_numpy() >= 100))
+    if len(often) == 0 or np.isnan(loss).any() or loss[0] <= np.nanmin(loss):
+        return math.nan
+    return float((loss[0] - loss[: often[0] + 1].min()) / (loss[0] - loss.min()))
+
+
+def fall(curve: pd.DataFrame, column: str) -> float:
+    """Return the mean distance below the best point so far, over the second half of a curve's steps."""
+    steps, values = curve["env_steps"].to_numpy(), curve[column].ffill().fillna(0.0).to_numpy(dtype=float)
+    below = np.maximum.accumulate(values) - values
+    late = steps >= steps[-1] / 2
+    return float(np.trapezoid(below[late], steps[late]) / max(np.ptp(steps[late]), 1))
+
+
+def _falls(scores: Scores, cell: Cell) -> Sample:
+    return Sample.of([fall(curve, scores.curve_column(cell[0])) for curve in scores.cell_curves(cell)])
+
+
+def _rank_p(lower: Sequence[float], higher: Sequence[float]) -> float:
+    """Return the exact one-sided Mann-Whitney p-value, infinities tied at the end."""
+    ranks = stats.rankdata([*lower, *higher])
+    a, b = ranks[: len(lower)], ranks[len(lower) :]
+    if np.ptp(ranks) == 0:
+        return 1.0
+    return float(stats.mannwhitneyu(a, b, alternative="less").pvalue)
+
+
+def _ready(scores: Scores, pairs: Iterable[Pair]) -> list[Pair]:
+    return [pair for pair in pairs if all(scores.ready(cell) for cell in pair)]
+
+
+def _samples(scores: Scores, pairs: Iterable[Pair]) -> list[tuple[Sample, Sample]]:
+    return [(scores.sample(a), scores.sample(b)) for a, b in pairs]
+
+
+def _equivalences(scores: Scores, pairs: Sequence[Pair], tolerance: float | None = None) -> list[float]:
+    return [
+        equivalence_p(
+            scores.sample(a),
+            scores.sample(b),
+            tolerance=scores.domain(a[0]).tolerance if tolerance is None else tolerance,
+        )
+        for a, b in pairs
+    ]
+
+
+def _lacking(scores: Scores, cells: Iterable[Cell]) -> Answer | None:
+    """Return why not all cells can be judged, if so: one that is not run weighs more than a short one."""
+    cells = tuple(cells)
+    if any(not scores.has(cell) for cell in cells):
+        return Answer.MISSING
+    return Answer.SHORT if any(scores.is_short(cell) for cell in cells) else None
+
+
+def _conclude(
+    scores: Scores,
+    cells: Sequence[Cell],
+    p_values: Sequence[float],
+    refuted: bool,
+    comparisons: int,
+    text: str,
+) -> Finding:
+    if refuted:
+        return Finding(Answer.FAILS, text)
+    lacking = _lacking(scores, cells)
+    if lacking:
+        return Finding(lacking, text if p_values else "")
+    holds = len(p_values) == comparisons and all(p < SIGNIFICANCE for p in p_values)
+    return Finding(Answer.HOLDS if holds else Answer.INCONCLUSIVE, text)
+
+
+def _beside(
+    scores: Scores,
+    cells: Sequence[Cell],
+    intervals: Mapping[Cell, tuple[float, float]],
+    asked: str,
+    *,
+    lower: float = -math.inf,
+    upper: float = math.inf,
+) -> Finding:
+    """Judge intervals that all must lie between two bounds; one that lies outside contradicts."""
+    inside = sum(lower <= low and high <= upper for low, high in intervals.values())
+    outside = sum(high < lower or low > upper for low, high in intervals.values())
+    text = f"{inside} of {len(cells)} cells {asked}" + (f", {outside} not" if outside else "")
+    if outside:
+        return Finding(Answer.FAILS, text)
+    lacking = _lacking(scores, cells)
+    if lacking:
+        return Finding(lacking, text if intervals else "")
+    return Finding(Answer.HOLDS if inside == len(cells) else Answer.INCONCLUSIVE, text)

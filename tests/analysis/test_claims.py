@@ -1,0 +1,213 @@
+from __future__ import annotations
+
+import itertools
+
+import pandas as pd
+import pytest
+
+from bgn.agents.specs import AGENTS
+from bgn.analysis import claims, criteria, paper
+from bgn.analysis.criteria import Answer
+from bgn.domains.episode_opening import CLEAN, HIDDEN
+from tests.analysis._evidence import DOMAINS, STEPS, cell, curve, reference, scores
+
+NEAR = [0.0, 0.002, -0.002, 0.001, -0.001]
+ROBOTS = ("top-plate", "two-bumps-1d", "two-bumps-2d")
+
+
+def around(value: float, n: int = 5) -> list[float]:
+    return [value + offset for offset in NEAR[:n]]
+
+
+def robots(**means: float) -> list[dict[str, object]]:
+    """Return five seeds of each agent, named with underscores, at the same mean in all robot domains."""
+    names = {
+        "bgn": "ah-ch+bgn",
+        "ab_cb": "ab-cb",
+        "ab_cb_bgn": "ab-cb+bgn",
+        "ah_ch": "ah-ch",
+        "ah_cs": "ah-cs",
+    }
+    names["ah_cb"] = "ah-cb"
+    return [
+        row
+        for d, (agent, mean) in itertools.product(ROBOTS, means.items())
+        for row in cell(d, names[agent], around(mean))
+    ]
+
+
+def test_claims_are_well_formed() -> None:
+    ids = [claim.id for claim in claims.CLAIMS]
+    assert len(set(ids)) == len(ids)
+    known = {domain.id for domain in DOMAINS}
+    for claim in claims.CLAIMS:
+        assert claim.quote == " ".join(claim.quote.split())
+        assert {domain for domain, _ in claim.criterion.cells} <= known
+        assert {agent for _, agent in claim.criterion.cells} <= set(AGENTS)
+        assert len(claim.asks) <= 72  # a line of the table
+
+
+def test_alone_perfect_is_one_claim_over_all_tasks() -> None:
+    (claim,) = (claim for claim in claims.CLAIMS if claim.id == "alone-perfect")
+    assert (
+        claim.quote == "Ah-Ch + BGN is the only agent that can achieve a perfect success rate in all tasks."
+    )
+    assert {domain for domain, _ in claim.criterion.cells} == set(ROBOTS)
+    perfect = [1.0] * 5
+    ours = [row for domain in ROBOTS for row in cell(domain, "ah-ch+bgn", perfect)]
+    others = [row for d, a in itertools.product(ROBOTS, claims.OTHERS) for row in cell(d, a, around(0.5))]
+    assert claim.criterion.judge(scores(ours + others)).answer is Answer.HOLDS
+    # Another agent that is perfect in one or two tasks does not refute it; in all three it does.
+    two = [row for row in others if row["agent"] != "ah-cs"]
+    two += [row for d in ROBOTS[:2] for row in cell(d, "ah-cs", perfect)] + cell(
+        ROBOTS[2], "ah-cs", around(0.5)
+    )
+    assert claim.criterion.judge(scores(ours + two)).answer is Answer.HOLDS
+    rest = [row for row in two if row["agent"] != "ah-cs"]
+    all_three = rest + [row for domain in ROBOTS for row in cell(domain, "ah-cs", perfect)]
+    assert claim.criterion.judge(scores(ours + all_three)).answer is Answer.FAILS
+    # Nor is the agent itself perfect if one task is missed.
+    missed = [row for row in ours if row["domain"] != ROBOTS[0]] + cell(ROBOTS[0], "ah-ch+bgn", around(0.9))
+    assert claim.criterion.judge(scores(missed + others)).answer is Answer.FAILS
+    assert claim.criterion.judge(scores(ours)).answer is Answer.MISSING
+
+
+def test_better_holds_fails_and_stays_open() -> None:
+    better = criteria.Better(("ah-ch+bgn",), ("ah-ch",), ("hallway", "hallway-2"))
+    ours = cell("hallway", "ah-ch+bgn", around(0.5)) + cell("hallway-2", "ah-ch+bgn", around(0.5))
+    second = cell("hallway-2", "ah-ch", around(0.3))
+    assert better.judge(scores(ours + cell("hallway", "ah-ch", around(0.3)) + second)).answer is Answer.HOLDS
+    # As good within the tolerance in one domain: contradicted.
+    assert better.judge(scores(ours + cell("hallway", "ah-ch", around(0.5)) + second)).answer is Answer.FAILS
+    # Significantly better by less than the tolerance is better all the same.
+    assert better.judge(scores(ours + cell("hallway", "ah-ch", around(0.45)) + second)).answer is Answer.HOLDS
+    noisy = cell("hallway", "ah-ch", [0.1, 0.9, 0.2, 0.8, 0.5])
+    assert better.judge(scores(ours + noisy + second)).answer is Answer.INCONCLUSIVE
+
+
+def test_short_and_missing_cells_cannot_make_a_claim_hold() -> None:
+    better = criteria.Better(("ah-ch+bgn",), ("ah-ch",), ("hallway",))
+    ours, low = cell("hallway", "ah-ch+bgn", around(0.5)), cell("hallway", "ah-ch", around(0.3))
+    assert better.judge(scores(ours)).answer is Answer.MISSING
+    assert better.judge(scores(ours + low[:1])).answer is Answer.MISSING  # a single seed has no spread
+    short = cell("hallway", "ah-ch", around(0.3), STEPS - 1)
+    assert better.judge(scores(ours + short)).answer is Answer.SHORT
+
+
+def test_similar_and_order() -> None:
+    similar = criteria.Similar(("ah-cs", "ah-cb"), ("hallway",))
+    same = cell("hallway", "ah-cs", around(0.4)) + cell("hallway", "ah-cb", around(0.41))
+    apart = cell("hallway", "ah-cs", around(0.4)) + cell("hallway", "ah-cb", around(0.6))
+    assert similar.judge(scores(same)).answer is Answer.HOLDS
+    assert similar.judge(scores(apart)).answer is Answer.FAILS
+    varies = criteria.OrderVaries(("ah-cs", "ah-cb"), ("hallway", "hallway-2"))
+    turned = apart + cell("hallway-2", "ah-cs", around(0.6)) + cell("hallway-2", "ah-cb", around(0.4))
+    kept = apart + cell("hallway-2", "ah-cs", around(0.4)) + cell("hallway-2", "ah-cb", around(0.6))
+    assert varies.judge(scores(turned)).answer is Answer.HOLDS
+    assert varies.judge(scores(kept)).answer is Answer.INCONCLUSIVE
+
+
+def test_matches_in_three_of_four() -> None:
+    matches = criteria.MatchesIn("ah-ch", ("ah-cs",), claims.CLASSIC, 3)
+    rows = [row for domain in claims.CLASSIC for row in cell(domain, "ah-cs", around(0.5))]
+    for means, answer in (((0.2, 0.5, 0.5, 0.5), Answer.HOLDS), ((0.2, 0.2, 0.5, 0.5), Answer.FAILS)):
+        pairs = zip(claims.CLASSIC, means, strict=True)
+        ours = [row for domain, mean in pairs for row in cell(domain, "ah-ch", around(mean))]
+        assert matches.judge(scores(rows + ours)).answer is answer
+
+
+def test_half_of_the_gap() -> None:
+    (claim,) = (claim for claim in claims.CLAIMS if claim.id == "recovers-half")
+    for recovered, answer in ((0.7, Answer.HOLDS), (0.99, Answer.FAILS)):
+        found = claim.criterion.judge(scores(robots(ab_cb=0.5, ab_cb_bgn=recovered, bgn=0.9)))
+        assert found.answer is answer
+    assert claim.criterion.judge(scores(robots(ab_cb=0.9, bgn=0.9))).answer is Answer.MISSING
+
+
+def test_against_the_reference_rows() -> None:
+    rows = [reference("hallway", "sarsop", CLEAN, 0.52, return_se=0.001, return_sd=0.1)]
+    matches = criteria.MatchesReference(("ab-cb",), ("hallway",))
+    assert matches.judge(scores(cell("hallway", "ab-cb", around(0.53)), (), rows)).answer is Answer.HOLDS
+    assert matches.judge(scores(cell("hallway", "ab-cb", around(0.3)), (), rows)).answer is Answer.FAILS
+    # (14 + 62) / (18 + 62) = .95 of the way from Random to SARSOP, as Table 8 would print.
+    rows = [
+        reference("rocksample-4-4", "sarsop", CLEAN, 18.0),
+        reference("rocksample-4-4", "random", HIDDEN, -62.0),
+    ]
+    close = criteria.ComesClose(("ab-cb",), ("rocksample-4-4",), 0.9)
+    assert close.judge(scores(cell("rocksample-4-4", "ab-cb", around(14.0)), (), rows)).answer is Answer.HOLDS
+    assert close.judge(scores(cell("rocksample-4-4", "ab-cb", around(6.0)), (), rows)).answer is Answer.FAILS
+
+
+def test_learning_faster_by_ranks() -> None:
+    faster = criteria.LearnsFaster("ah-ch+bgn", "ah-ch", ("top-plate",))
+    rows = cell("top-plate", "ah-ch+bgn", [1.0] * 4) + cell("top-plate", "ah-ch", [0.5] * 4)
+    rows_of_references = [
+        reference("top-plate", "random", CLEAN, 0.0),
+        reference("top-plate", "perfect", CLEAN, 1.0),
+    ]
+    quick = [curve("top-plate", "ah-ch+bgn", s, [100, 200 + s], [0.0, 1.0]) for s in range(4)]
+    never = [curve("top-plate", "ah-ch", s, [100, 1000], [0.0, 0.5]) for s in range(4)]
+    assert faster.judge(scores(rows, quick + never, rows_of_references)).answer is Answer.HOLDS
+    turned = criteria.LearnsFaster("ah-ch", "ah-ch+bgn", ("top-plate",))
+    assert turned.judge(scores(rows, quick + never, rows_of_references)).answer is Answer.FAILS
+
+
+def test_falls_by_hand() -> None:
+    # Second half of the steps: from 500 on the curve stands .5, 0 and .5 below its best: mean .25 over two trapezia.
+    fallen = curve("top-plate", "ah-ch", 0, [0, 500, 750, 1000], [1.0, 0.5, 1.0, 0.5])
+    assert criteria.fall(fallen, "success_100") == pytest.approx(0.25)
+    rising = curve("top-plate", "ah-ch", 0, [0, 500, 1000], [0.0, 0.5, 1.0])
+    assert criteria.fall(rising, "success_100") == 0.0
+
+
+def test_belief_criteria() -> None:
+    good = cell("two-bumps-1d", "ah-ch+bgn", [1.0] * 5, sampled_belief_kl=0.02)
+    bad = cell("two-bumps-1d", "ah-ch+bgn", [1.0] * 5, sampled_belief_kl=0.5)
+    good = [row | {"sampled_belief_kl": 0.02 + 0.001 * i} for i, row in enumerate(good)]
+    bad = [row | {"sampled_belief_kl": 0.5 + 0.001 * i} for i, row in enumerate(bad)]
+    accurate = criteria.ReconstructsBelief("ah-ch+bgn", ("two-bumps-1d",), 0.1)
+    assert accurate.judge(scores(good)).answer is Answer.HOLDS
+    assert accurate.judge(scores(bad)).answer is Answer.FAILS
+    goes = criteria.BeliefGoesWithScore(("ah-ch+bgn",), ("two-bumps-1d",))
+    falling = [
+        row | {"sampled_belief_kl": float(i), "sampled_success": 1 - 0.1 * i} for i, row in enumerate(good)
+    ]
+    assert goes.judge(scores(falling)).answer is Answer.HOLDS
+    rising = [row | {"sampled_belief_kl": float(i), "sampled_success": 0.1 * i} for i, row in enumerate(good)]
+    assert goes.judge(scores(rising)).answer is Answer.FAILS
+
+
+def test_early_fall_by_hand() -> None:
+    # The loss falls from 4 to 1; it stands at 3 when success first exceeds .1: a third of the fall.
+    learnt = curve(
+        "top-plate", "ah-ch+bgn", 0, [1, 2, 3, 4], [0.0, 0.2, 0.6, 1.0], belief_cross_entropy=[4, 3, 2, 1]
+    )
+    assert criteria.early_fall(learnt, 0.1) == pytest.approx(1 / 3)
+
+
+def test_the_paper_s_own_numbers_are_asked_too() -> None:
+    judged = {claim.id: claims.own_numbers(claim, DOMAINS) for claim in claims.CLAIMS}
+    two_groups, outperforms = judged["two-groups"], judged["outperforms-all"]
+    assert two_groups is not None
+    assert two_groups.answer is Answer.HOLDS
+    # Table 7 has Ab-Cb above Ah-Ch+BGN in Hallway-2 and RockSample[5,5].
+    assert outperforms is not None
+    assert outperforms.answer is Answer.FAILS
+    assert judged["alone-perfect"] is None
+    assert (
+        claims.PrintedScores(pd.DataFrame(), pd.DataFrame(), pd.DataFrame(), DOMAINS)
+        .sample(("hallway", "ah-ch"))
+        .n
+        == paper.SEEDS
+    )
+
+
+def test_every_claim_has_a_row_whatever_is_stored() -> None:
+    empty = scores([])
+    table = claims.judge_claims(empty)
+    assert len(table) == len(claims.CLAIMS)
+    assert set(table["verdict"]) == {Answer.MISSING.value, Answer.NOT_MEASURED.value}
+    some = claims.judge_claims(scores(robots(bgn=0.9, ab_cb=0.5)))
+    row = some.set_index("claim").loc["belief-agent-worse"]
+    assert (row["verdict"], row["runs"], row["env_steps"], row["cells_run"]) == ("holds", "5", "1,000", 6)

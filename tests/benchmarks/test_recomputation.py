@@ -1,0 +1,167 @@
+"""The published numbers computed once more, from parquet alone and with scipy alone.
+
+Nothing of the project's analysis is used: the rules are written out again here.
+"""
+
+from __future__ import annotations
+
+import json
+import pathlib
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from scipy import stats
+
+from benchmarks import pooled
+
+RESULTS = pathlib.Path(__file__).parents[2] / "results" / "published"
+METRICS = {"hallway": "greedy_return", "hallway-2": "greedy_return"}
+METRICS |= dict.fromkeys(("rocksample-4-4", "rocksample-5-5"), "sampled_return")
+METRICS |= dict.fromkeys(("top-plate", "two-bumps-1d", "two-bumps-2d"), "sampled_success")
+TOLERANCES = {"hallway": 0.05, "hallway-2": 0.05, "rocksample-4-4": 1.0, "rocksample-5-5": 1.0}
+AGENTS = ("ah-ch", "ah-ch+bgn", "ah-cs", "ab-cb", "ah-cb")
+TABLE_7 = {
+    "hallway": ((0.50, 0.02), (0.54, 0.01), (0.46, 0.08), (0.53, 0.04), (0.48, 0.03)),
+    "hallway-2": ((0.10, 0.02), (0.35, 0.01), (0.26, 0.02), (0.36, 0.01), (0.29, 0.02)),
+    "rocksample-4-4": ((7.79, 1.12), (14.14, 0.21), (6.73, 0.15), (13.94, 0.33), (6.1, 2.04)),
+    "rocksample-5-5": ((6.23, 0.35), (14.71, 0.5), (6.52, 0.09), (15.22, 0.52), (6.53, 0.08)),
+}
+
+
+@pytest.fixture(scope="module")
+def printed() -> pooled.PooledEvidence:
+    return pooled.load(RESULTS)
+
+
+@pytest.fixture(scope="module")
+def runs(printed: pooled.PooledEvidence) -> dict[tuple[str, str], pd.DataFrame]:
+    """Return the runs of each cell that is printed, read from its shards."""
+    found = {}
+    for domain, budget in printed.budgets.items():
+        for path in sorted((RESULTS / budget / printed.preset / "runs" / domain).glob("*")):
+            shards = [shard for shard in path.glob("seed-*.parquet") if ".failed" not in shard.name]
+            tables = [pq.read_table(shard, partitioning=None) for shard in shards]
+            if tables:
+                found[domain, path.name] = pa.concat_tables(tables, promote_options="default").to_pandas()
+    return found
+
+
+def sample(group: pd.DataFrame, metric: str) -> tuple[float, float, int]:
+    """Return mean, standard deviation (ddof 1, not below the error of a value) and number of seeds."""
+    values = group[metric].to_numpy()
+    if metric.endswith("success"):
+        n = np.array([json.loads(spec)["evaluation_episodes"] for spec in group["spec"]])
+        moved = (values * n + 0.5) / (n + 1)
+        errors = np.sqrt(moved * (1 - moved) / n)
+    else:
+        errors = group[f"{metric}_se"].to_numpy()
+    return values.mean(), max(values.std(ddof=1), np.sqrt((errors**2).mean())), len(values)
+
+
+def test_means_and_deviations(
+    printed: pooled.PooledEvidence, runs: dict[tuple[str, str], pd.DataFrame]
+) -> None:
+    assert len(printed.cells) == len(runs)
+    for _, row in printed.cells.iterrows():
+        values = runs[row["domain"], row["agent"]][METRICS[row["domain"]]].to_numpy()
+        assert row["mean"] == pytest.approx(values.mean())
+        assert row["sd"] == pytest.approx(values.std(ddof=0))
+        assert row["runs"] == len(values)
+
+
+def test_success_intervals(printed: pooled.PooledEvidence, runs: dict[tuple[str, str], pd.DataFrame]) -> None:
+    for _, row in printed.cells.iterrows():
+        group = runs[row["domain"], row["agent"]]
+        rates = group["sampled_success"].to_numpy()
+        n = [json.loads(spec)["evaluation_episodes"] for spec in group["spec"]]
+        pooled_interval = stats.binomtest(round(sum(rates * n)), sum(n)).proportion_ci(0.95, "exact")
+        low, high = stats.t.interval(0.95, len(rates) - 1, rates.mean(), stats.sem(rates) or 1e-300)
+        assert row["success_low"] == pytest.approx(max(0.0, min(pooled_interval.low, low)), abs=1e-9)
+        assert row["success_high"] == pytest.approx(min(1.0, max(pooled_interval.high, high)), abs=1e-9)
+
+
+def test_p_values_and_verdicts_of_the_numbers(
+    printed: pooled.PooledEvidence, runs: dict[tuple[str, str], pd.DataFrame]
+) -> None:
+    differ, equal, cells = [], [], []
+    for _, row in printed.cells.iterrows():
+        domain, agent = row["domain"], row["agent"]
+        if domain not in TABLE_7 or agent not in AGENTS:
+            continue
+        steps = [json.loads(spec)["env_steps"] for spec in runs[domain, agent]["spec"]]
+        if min(steps) < row["horizon"]:
+            assert row["verdict"] == "short"
+            continue
+        mean, sd = TABLE_7[domain][AGENTS.index(agent)]
+        p_differ, p_equal = compare(
+            sample(runs[domain, agent], METRICS[domain]), mean, sd, TOLERANCES[domain]
+        )
+        differ.append(p_differ)
+        equal.append(p_equal)
+        cells.append(row)
+    for row, p_differ, p_equal in zip(cells, holm(differ, 20), holm(equal, 20), strict=True):
+        assert row["p_difference"] == pytest.approx(p_differ, rel=1e-6)
+        assert row["p_equivalence"] == pytest.approx(p_equal, rel=1e-6)
+        words = {(False, True): "reproduced", (True, True): "reproduced, negligible shift"}
+        words |= {(False, False): "inconclusive"}
+        direction = "exceeds" if row["mean"] > row["paper_mean"] else "falls short"
+        words[True, False] = f"not reproduced: {direction}"
+        assert row["verdict"] == words[p_differ < 0.05, p_equal < 0.05]
+
+
+def compare(ours: tuple[float, float, int], mean: float, sd: float, tolerance: float) -> tuple[float, float]:
+    """Return p of Welch's test and of TOST against the least favourable of what prints as mean ± sd (ddof 0)."""
+
+    def welch(theirs: float, deviation: float, shift: float, tail: str) -> float:
+        a, (m, s, n) = (theirs + shift, deviation * np.sqrt(10 / 9), 10), ours
+        return stats.ttest_ind_from_stats(m, s, n, *a, equal_var=False, alternative=tail).pvalue
+
+    deviations = (max(sd - 0.005, 0.0), sd + 0.005)
+    nearest = min(max(ours[0], mean - 0.005), mean + 0.005)
+    differ = max(welch(nearest, d, 0.0, "two-sided") for d in deviations)
+    corners = [(m, d) for m in (mean - 0.005, mean + 0.005) for d in deviations]
+    below = max(welch(m, d, tolerance, "less") for m, d in corners)
+    above = max(welch(m, d, -tolerance, "greater") for m, d in corners)
+    return differ, max(below, above)
+
+
+def holm(p_values: list[float], family: int) -> list[float]:
+    """Return Holm's p-values: the i-th smallest times (family - i), never falling."""
+    order = np.argsort(p_values)
+    steps = [min(1.0, p_values[index] * (family - rank)) for rank, index in enumerate(order)]
+    adjusted = np.empty(len(p_values))
+    adjusted[order] = np.maximum.accumulate(steps) if steps else []
+    return list(adjusted)
+
+
+def test_claims_of_the_robot_cells(
+    printed: pooled.PooledEvidence, runs: dict[tuple[str, str], pd.DataFrame]
+) -> None:
+    less, greater, equal, rows = [], [], [], []
+    for _, row in printed.cells.iterrows():
+        domain, better = row["domain"], (row["domain"], "ah-ch+bgn")
+        robot = domain not in TABLE_7
+        steps = [json.loads(spec)["env_steps"] for spec in runs[domain, row["agent"]]["spec"]]
+        if not robot or row["agent"] == "ah-ch+bgn" or better not in runs or min(steps) < row["horizon"]:
+            continue
+        a, b = sample(runs[domain, row["agent"]], "sampled_success"), sample(runs[better], "sampled_success")
+
+        def welch(shift: float, tail: str, a: tuple = a, b: tuple = b) -> float:
+            shifted = (a[0] - shift, *a[1:])
+            return stats.ttest_ind_from_stats(*shifted, *b, equal_var=False, alternative=tail).pvalue
+
+        less.append(welch(0.0, "less"))
+        greater.append(welch(0.0, "greater"))
+        equal.append(max(welch(0.01, "less"), welch(-0.01, "greater")))
+        rows.append(row)
+    for row, p_less, p_greater, p_equal in zip(
+        rows, holm(less, 15), holm(greater, 15), holm(equal, 15), strict=True
+    ):
+        assert row["p_difference"] == pytest.approx(p_less, rel=1e-6)
+        assert row["p_equivalence"] == pytest.approx(p_equal, rel=1e-6)
+        refuted = min(p_greater, p_equal) < 0.05
+        expected = "not reproduced: exceeds" if refuted else "inconclusive"
+        assert row["verdict"] == ("reproduced" if p_less < 0.05 else expected)
