@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import pathlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -117,18 +117,18 @@ def load(
             f"{results} holds no runs of {budget or 'any budget'}/{preset}; stored: {', '.join(have) or 'nothing'}"
         )
     longest = chosen.sort_values("env_steps", kind="stable").groupby("domain").last()["budget"]
-    parts = {b: evidence.load(results, budget=b, preset=preset, registry=registry) for b in set(longest)}
-    return _pool(registry, preset, {d: parts[longest[d]] for d in registry.domains if d in longest.index})
+    parts = {
+        b: evidence.load(results, budget=b, preset=preset, registry=registry) for b in set(chosen["budget"])
+    }
+    of_domain = {d: parts[longest[d]] for d in registry.domains if d in longest.index}
+    return _pool(registry, preset, of_domain, list(parts.values()))
 
 
-def _pool(registry: Registry, preset: str, parts: Mapping[str, StoredEvidence]) -> PooledEvidence:
-    runs, references = (
-        pd.concat(
-            [getattr(part, kind)[getattr(part, kind)["domain"] == domain] for domain, part in parts.items()],
-            ignore_index=True,
-        )
-        for kind in ("runs", "references")
-    )
+def _pool(
+    registry: Registry, preset: str, parts: Mapping[str, StoredEvidence], others: Sequence[StoredEvidence]
+) -> PooledEvidence:
+    runs = pd.concat([_of_domain(part.runs, domain) for domain, part in parts.items()], ignore_index=True)
+    references = pd.concat([_references(domain, [part, *others]) for domain, part in parts.items()])
     rows = [evidence.domain_row(registry, domain) for domain in parts]
     names = sorted({part.budget for part in parts.values()}, key=list(registry.budgets).index)
     remarks = [remark for part in {id(p): p for p in parts.values()}.values() for remark in part.remarks]
@@ -136,7 +136,7 @@ def _pool(registry: Registry, preset: str, parts: Mapping[str, StoredEvidence]) 
     return PooledEvidence(
         cells=cells.summarise(runs, rows, registry.agents),
         runs=runs,
-        references=references,
+        references=references.reset_index(drop=True),
         domains=rows,
         agent_titles={name: agent(name).title for name in registry.agents},
         reference_titles={name: entry.title for name, entry in registry.references.items()},
@@ -146,6 +146,25 @@ def _pool(registry: Registry, preset: str, parts: Mapping[str, StoredEvidence]) 
         store=first.store,
         parts=parts,
     )
+
+
+def _of_domain(frame: pd.DataFrame, domain: str) -> pd.DataFrame:
+    return frame[frame["domain"] == domain]
+
+
+def _references(domain: str, parts: Sequence[StoredEvidence]) -> pd.DataFrame:
+    """Return a domain's reference rows: its own budget's, or where it has none those of the most episodes.
+
+    They are not trained, so that what a budget decides of them is only how exactly they are known.
+    """
+    frames = [_of_domain(part.references, domain) for part in parts]
+    if len(frames[0]):
+        return frames[0]
+    return max(frames, key=lambda frame: _episodes(frame))
+
+
+def _episodes(references: pd.DataFrame) -> int:
+    return max((int(json.loads(spec)["episodes"]) for spec in references["spec"]), default=0)
 
 
 def _described(runs: pd.DataFrame, budget: str, preset: str) -> list[list[object]]:

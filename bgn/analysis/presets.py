@@ -40,7 +40,8 @@ def by_preset(evidences: Sequence[Evidence], names: Sequence[str], domain: str, 
             {int(steps) for steps in evidence.cells.loc[evidence.cells["domain"] == domain, "env_steps"]}
         )
         rows.append([name, f"{steps[0] / 1e6:g} M" if steps else "", *cells])
-    return TextTable(domain, ["Preset, budget", "steps", *titles.values()], rows)
+    known = {row.id: row.title for evidence in evidences for row in evidence.domains}
+    return TextTable(known.get(domain, domain), ["Preset, budget", "steps", *titles.values()], rows)
 
 
 def _cell(runs: pd.DataFrame, agent: str, quantity: str) -> str:

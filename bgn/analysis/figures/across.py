@@ -75,7 +75,7 @@ def performance_profiles(scores: Scores, titles: Mapping[str, str]) -> Figure:
     style.legend(figure, panels)
     style.caption(
         figure,
-        "0: Random, 1: SARSOP (perfect success), opening as the agents do; shaded: 95 %, stratified bootstrap.",
+        "1: SARSOP, its episodes opening as the agents' do, or perfect success; shaded: 95 %, stratified bootstrap.",
     )
     return figure
 
@@ -289,4 +289,6 @@ def _steps(found: aggregate.Estimate) -> str:
             "never" if np.isinf(value) else f"{value / 1e6:.2f} M" if value >= 1e6 else f"{value / 1e3:.0f} k"
         )
 
+    if np.isinf(found.low):
+        return "never"
     return f"{short(found.value)} [{short(found.low)}, {short(found.high)}]"
