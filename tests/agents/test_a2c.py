@@ -93,7 +93,7 @@ def test_advantages_are_lambda_returns_less_values(seed, bootstrap):
     )
     for i, t, j in np.ndindex(S, T, L):
         lane = (a[i, :, j] for a in (rewards, values, ended, truncated))
-        expected = lambda_return(t, *lane, arrival[i, :, j] if bootstrap else None, discount, decay)
+        expected = lambda_return(t, *lane, arrival[i, :, j] if bootstrap else None, discount, decay)  # type: ignore[call-arg]
         assert ours[i, t, j].item() == pytest.approx(expected - values[i, t, j], abs=1e-6)  # γλ is float32
 
 

@@ -98,7 +98,7 @@ def test_gradients_equal_automatic_differentiation(
         seen["advantages"] = args[2].view(len(SEEDS), STEPS, LANES).double()
         return real(*args)
 
-    real = a2c.policy_loss
+    real = a2c.policy_loss  # type: ignore[attr-defined]
     monkeypatch.setattr(a2c, "policy_loss", spy)
     monkeypatch.setattr(learner.optimiser, "step", lambda norm: None)
     learner.update(streams.block(6, STEPS, LANES, VARIATES), torch.tensor(BETA))

@@ -250,10 +250,10 @@ class _Future(distributed.Future):
     def cancelled(self) -> bool:
         return False
 
-    def exception(self) -> BaseException | None:
+    def exception(self) -> BaseException | None:  # type: ignore[override]
         return self.error
 
-    def result(self) -> Outcome:
+    def result(self) -> Outcome:  # type: ignore[override]
         return Outcome(None)
 
 

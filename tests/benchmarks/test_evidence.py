@@ -49,8 +49,8 @@ def test_curves_are_read_once_and_only_when_asked_for(
     results: pathlib.Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     read: list[str] = []
-    original = evidence.Store.read
-    monkeypatch.setattr(evidence.Store, "read", lambda self, kind: read.append(kind) or original(self, kind))
+    original = evidence.Store.read  # type: ignore[attr-defined]
+    monkeypatch.setattr(evidence.Store, "read", lambda self, kind: read.append(kind) or original(self, kind))  # type: ignore[attr-defined, func-returns-value]
     found = evidence.load(results, budget="smoke")
     assert read == ["runs", "measures", "references"]
     assert found.curves is found.curves

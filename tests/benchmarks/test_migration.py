@@ -131,7 +131,7 @@ def test_a_migration_that_was_cut_off_is_done_again(
         migration_write(path, table)
         written.append(path)
 
-    migration_write = migration.write_parquet
+    migration_write = migration.write_parquet  # type: ignore[attr-defined]
     with monkeypatch.context() as patch:
         patch.setattr(migration, "write_parquet", fail)
         with pytest.raises(KeyboardInterrupt):
@@ -268,7 +268,7 @@ def test_the_command_says_what_it_would_do_and_does_it(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr(migration, "former", lambda _: _Given(revision(results, others)))
+    monkeypatch.setattr(migration, "former", lambda _: _Given(revision(results, others)))  # type: ignore[has-type]
     others = {name: f"other {name}" for name in SCOPES}
     shown = report(
         others, "hallway/ah-ch/seed-0", "hallway/random/clean", "hallway/random/hidden-first-action"

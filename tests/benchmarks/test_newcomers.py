@@ -19,7 +19,7 @@ from benchmarks.plan import Selection
 from benchmarks.registry import RegistryError
 from benchmarks.tasks import Work, execute
 from bgn import domains
-from bgn.analysis import figures
+from bgn.analysis.figures import curves, style
 from bgn.results.provenance import data_hash
 from bgn.results.store import Store
 from tests.benchmarks import fakes, newcomers
@@ -107,9 +107,10 @@ def test_status_counts_them(
 
 
 def test_figures_draw_them(stored: StoredEvidence) -> None:
-    picture = Image.open(io.BytesIO(figures.learning_curves(stored, stored.curves))).convert("RGB")
+    figure = curves.training_curves(stored.scores, stored.agent_titles)
+    picture = Image.open(io.BytesIO(style.png(figure))).convert("RGB")
     colours = np.asarray(picture).reshape(-1, 3) / 255
-    further = to_rgb(figures._colours(stored.agent_titles)["example-as-cs"])
+    further = to_rgb(style.colour("example-as-cs", tuple(stored.agent_titles)))
     assert (np.abs(colours - further).max(axis=1) < 0.02).sum() > 50  # a line, not an edge
 
 

@@ -24,7 +24,7 @@ def train_briefly(spec: CellSpec, seeds: Sequence[int], **options: Any) -> list[
 
 
 def train_otherwise(spec: CellSpec, seeds: Sequence[int], **options: Any) -> list[RunResult]:
-    settings = dataclasses.replace(spec.hyperparameters, learning_rate=2e-4)
+    settings = dataclasses.replace(spec.hyperparameters, learning_rate=2e-4)  # type: ignore[call-arg]
     return train_briefly(dataclasses.replace(spec, hyperparameters=settings), seeds, **options)
 
 

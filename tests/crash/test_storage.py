@@ -69,7 +69,7 @@ def test_other_errors_are_not_the_disks(tmp_path: pathlib.Path) -> None:
 
     with pytest.raises(StorageError, match="cannot write here: No space left"), writing_to(tmp_path):
         raise OSError(28, "No space left on device", "here")
-    with pytest.raises(FileNotFoundError), writing_to(tmp_path):
+    with pytest.raises(FileNotFoundError), writing_to(tmp_path):  # type: ignore[unreachable]
         raise FileNotFoundError(2, "No such file", "here")
 
 

@@ -50,7 +50,7 @@ def test_the_seed_decides_everything(environment_id):
 @ALL
 def test_info_says_what_training_may_use(environment_id):
     env = gymnasium.make(environment_id).unwrapped
-    model = env.domain.model
+    model = env.domain.model  # type: ignore[attr-defined]
     observation, info = env.reset(seed=1)
     assert info["last_action"] == model.joint.n_actions
     assert info["angle"] == 0
@@ -60,7 +60,7 @@ def test_info_says_what_training_may_use(environment_id):
         assert info["belief"].shape == (model.n_hidden,)
         assert info["belief"].sum() == pytest.approx(1)
         assert info["belief"][info["hidden"]] > 0
-        if env.domain.id == "top-plate" and action == 2:
+        if env.domain.id == "top-plate" and action == 2:  # type: ignore[attr-defined]
             assert abs(info["angle"]) == pytest.approx(0.115, abs=1e-3)  # one plate up
             break
         observation, _, over, _, info = env.step(action)
@@ -72,7 +72,7 @@ def test_info_says_what_training_may_use(environment_id):
 @ALL
 def test_the_scripted_policy_earns_the_reward(environment_id):
     env = gymnasium.make(environment_id)
-    policy = scripted_policy(env.unwrapped.domain)
+    policy = scripted_policy(env.unwrapped.domain)  # type: ignore[attr-defined]
     for seed in range(3):
         observation, _ = env.reset(seed=seed)
         policy.reset()

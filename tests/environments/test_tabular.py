@@ -171,13 +171,13 @@ def test_pictures(environment_id):
 
 def test_the_map_holds_the_whole_belief_in_the_right_place():
     layout, model = domains.get("hallway").layout, domains.get("hallway").model.joint
-    marginal = layout.marginal(model.start)
+    marginal = layout.marginal(model.start)  # type: ignore[call-arg]
     assert marginal.shape == (2, 11, 4)
     assert marginal.sum() == pytest.approx(1)
     assert (marginal[layout.goal] == 0).all()
     facing_east = np.zeros(60)
     facing_east[4 * 11 + 1] = 1.0  # cell 11 is the first alcove, below cell 2
-    assert np.argwhere(layout.marginal(facing_east)).tolist() == [[1, 2, 1]]
+    assert np.argwhere(layout.marginal(facing_east)).tolist() == [[1, 2, 1]]  # type: ignore[call-arg]
 
 
 def test_text():

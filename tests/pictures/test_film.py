@@ -69,7 +69,7 @@ def test_film_of_an_episode(small, name, seed, tmp_path):
     film.save_gif(recorded, tmp_path / "film.gif")
     film.save_strip(recorded, tmp_path / "strip.png", columns=3)
     with Image.open(tmp_path / "film.gif") as gif:
-        assert gif.n_frames > len(recorded.shots)
+        assert gif.n_frames > len(recorded.shots)  # type: ignore[attr-defined]
         assert gif.width == 64 + 100
     with Image.open(tmp_path / "strip.png") as strip:
         assert strip.width == 3 * 300 + 2 * 8

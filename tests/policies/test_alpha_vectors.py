@@ -62,7 +62,7 @@ def test_it_acts_in_a_gymnasium_environment(environment_id):
     import bgn.environments  # noqa: F401  (registers them)
 
     env = gymnasium.make(environment_id)
-    domain = env.unwrapped.domain
+    domain = env.unwrapped.domain  # type: ignore[attr-defined]
     policy = AlphaVectorPolicy(qmdp(domain.model), domain)
     earned = 0.0
     for seed in range(6):

@@ -107,9 +107,11 @@ def test_what_another_store_holds_is_adopted(tmp_path: pathlib.Path, monkeypatch
     }
     ours.write_failure("runs", RUN, table(run=RUN, status="failed"))
     written: list[pathlib.Path] = []
-    write = store_module.write_bytes
+    write = store_module.write_bytes  # type: ignore[attr-defined]
     monkeypatch.setattr(
-        store_module, "write_bytes", lambda path, content: (written.append(path), write(path, content))
+        store_module,
+        "write_bytes",
+        lambda path, content: (written.append(path), write(path, content)),  # type: ignore[func-returns-value]
     )
     ours.adopt("runs", [RUN], files)
     assert len(written) == 3

@@ -78,7 +78,7 @@ def test_a_stiff_finger_straightens_before_it_pushes() -> None:
         setattr(
             gripper,
             name,
-            lambda pair, name=name, plain=plain: (told.append((name, tuple(pair))), plain(pair)),
+            lambda pair, name=name, plain=plain: (told.append((name, tuple(pair))), plain(pair)),  # type: ignore[func-returns-value]
         )
     assert finger.act(two_bumps_1d.RIGHT_STIFF).pushed == two_bumps_1d.RIGHT_BUMP_RIGHT
     kinds = [name for name, _ in told]

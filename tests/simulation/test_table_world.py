@@ -22,7 +22,7 @@ VARIANTS = [
     *((domain_id, {"variant": "authors"}) for domain_id in ("top-plate", "two-bumps-1d", "two-bumps-2d")),
     ("top-plate", {"plates": 3}),
 ]
-NAMES = ["/".join([domain_id, *map(str, variant.values())]) for domain_id, variant in VARIANTS]
+NAMES = ["/".join([domain_id, *map(str, variant.values())]) for domain_id, variant in VARIANTS]  # type: ignore[attr-defined]
 
 
 def random_actions(world, rng):

@@ -33,7 +33,7 @@ def moved(value: Any) -> Any:
 @pytest.fixture
 def without_data(monkeypatch: pytest.MonkeyPatch) -> None:
     """Compile tables on the host, where their data are, and move them; move the layers' one constant."""
-    compile_tables = table_world.compile_tables
+    compile_tables = table_world.compile_tables  # type: ignore[attr-defined]
     monkeypatch.setattr(
         table_world,
         "compile_tables",
