@@ -123,6 +123,34 @@ def other_torch(session: nox.Session) -> None:
     session.run(python, "-m", "pytest", *UPDATE_TESTS, *session.posargs, external=True)
 
 
+@nox.session(venv_backend="none")
+def twin(session: nox.Session) -> None:
+    """Evaluate the published policies on a digital twin of the robot; arguments as `bgn robot rehearse`."""
+    run(session, "python", "-m", "bgn", "robot", "rehearse", "--require-success", "1", *session.posargs)
+
+
+@nox.session(venv_backend="none")
+def faults(session: nox.Session) -> None:
+    """Let everything go wrong at the twin, in real time: the tests that take minutes; arguments as pytest's."""
+    run(session, "pytest", "-m", "twin", "tests/robot", *session.posargs)
+
+
+@nox.session(venv_backend="none")
+def hil(session: nox.Session) -> None:
+    """Evaluate on a robot: ``-- --host ADDRESS --real``, a dry run; add ``--execute`` to move. See docs/robot.md."""
+    if not any(argument.startswith("--host") for argument in session.posargs):
+        session.log("No robot was named, so nothing is run. In the laboratory, after reading docs/robot.md:")
+        session.log(
+            "  nox -s hil -- --host 192.168.1.10 --gripper-host 192.168.1.11 --real             a dry run"
+        )
+        session.log(
+            "  nox -s hil -- --host 192.168.1.10 --gripper-host 192.168.1.11 --real --execute   moves the arm"
+        )
+        session.log("Without a robot, `nox -s twin` runs the same evaluation on a digital twin.")
+        return
+    run(session, "python", "-m", "bgn", "robot", "evaluate", *session.posargs)
+
+
 def run(session: nox.Session, program: str, *arguments: str, **variables: str) -> None:
     """Run a program of the shared environment, which is brought up to date first."""
     install(session)

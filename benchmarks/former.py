@@ -24,7 +24,11 @@ from bgn.results.provenance import Origin
 from bgn.results.sources import CodeError
 
 #: Where parts of a scope stood before they were moved.
-FORMER_PATHS: Mapping[str, Sequence[str]] = {"bgn.domains.layout": ["bgn.domains._layout"]}
+FORMER_PATHS: Mapping[str, Sequence[str]] = {
+    "bgn.domains.layout": ["bgn.domains._layout"],
+    "bgn.policies.saved:describe": ["bgn.agents.policy:describe"],
+    "bgn.training.physics_evaluation:evaluate_policy": ["bgn.training.trainer:_Stack._in_physics"],
+}
 #: What is gone and, like what a scope leaves out, no part of a result.
 FORMER_STRANGERS = ("bgn._gymnasium",)  # named the domains to Gymnasium whenever `bgn` was imported
 
@@ -79,13 +83,16 @@ class Former:
     def code_hash(self, scope: Scope) -> str:
         """Hash the revision's code as the present one is hashed."""
         tree = CodeTree(self.root)
-        there = {path: self._path(tree, path) for path in (*scope.entries, *scope.without, *scope.data)}
+        there = {path: self._path(tree, path) for path in (*scope.entries, *scope.data)}
         strangers = tuple(path for path in FORMER_STRANGERS if tree.sources.module(path))
+        without = (
+            self._stood(tree, path) for path in scope.without
+        )  # what was not there yet leaves out nothing
         return tree.hash(
             replace(
                 scope,
                 entries=tuple(there[path] for path in scope.entries),
-                without=(*(there[path] for path in scope.without), *strangers),
+                without=(*filter(None, without), *strangers),
                 data=tuple(there[path] for path in scope.data),
             )
         )
@@ -110,13 +117,20 @@ class Former:
 
     def _path(self, tree: CodeTree, path: str) -> str:
         """Return where a part of a scope stands in the revision."""
+        found = self._stood(tree, path)
+        if found is None:
+            raise FormerError(
+                f"{self.commit[:10]} has no {path}; say in FORMER_PATHS ({__name__}) where it stood"
+            )
+        return found
+
+    @staticmethod
+    def _stood(tree: CodeTree, path: str) -> str | None:
         for candidate in (path, *FORMER_PATHS.get(path, ())):
             with contextlib.suppress(CodeError):
                 tree.sources.find(candidate)
                 return candidate
-        raise FormerError(
-            f"{self.commit[:10]} has no {path}; say in FORMER_PATHS ({__name__}) where it stood"
-        )
+        return None
 
     def _run(self, arguments: Sequence[str], question: Mapping[str, Any]) -> Any:
         environment = {**os.environ, "PYTHONPATH": str(self.root), "PYTHONSAFEPATH": "1"}

@@ -22,7 +22,7 @@ import pathlib
 import shutil
 import sys
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -60,6 +60,11 @@ class Row:
     def store(self) -> str:
         """Its folder, such as ``laptop/calibrated``."""
         return f"{self.budget}/{self.preset}"
+
+    @property
+    def computed_under(self) -> str:
+        """The store it was computed for: its own, unless it was taken from another."""
+        return str(self.values.get("taken_from") or self.store)
 
     @property
     def run(self) -> str:
@@ -100,7 +105,7 @@ class Asked:
 
     def wants(self, row: Row) -> bool:
         """Say whether a row is just what the revision asks for."""
-        origin = self.answers.wanted.get(row.store, {}).get(row.name)
+        origin = self.answers.wanted.get(row.computed_under, {}).get(row.name)
         return origin is not None and origin.key == row.values["key"]
 
 
@@ -118,15 +123,16 @@ def decide(
     stored: Sequence[Row], revisions: Sequence[Former], reports: Sequence[Report] = ()
 ) -> list[Decision]:
     """Say of each row whether it is current, can be re-keyed, or stays older, and why."""
-    stores, known = _stores(stored), registry.load()
+    known = registry.load()
     domains = {str(row.values["domain"]) for row in stored}
     present = {
-        (budget, preset): _requests(known, budget, preset, domains, seeds) for budget, preset, seeds in stores
+        (budget, preset): _requests(known, budget, preset, domains, seeds)
+        for budget, preset, seeds in _stores((row.store, row) for row in stored)
     }
     asked = [
         Asked(
             one.commit,
-            one.ask(stores, domains),
+            one.ask(_stores((row.computed_under, row) for row in stored), domains),
             {name: one.code_hash(scope) for name, scope in SCOPES.items()},
         )
         for one in revisions
@@ -212,12 +218,17 @@ def _scope(request: Request) -> str:
     return "training with physics" if request.spec.physics_episodes else "training"
 
 
-def _stores(stored: Sequence[Row]) -> list[tuple[str, str, list[int]]]:
+def _stores(stored: Iterable[tuple[str, Row]]) -> list[tuple[str, str, list[int]]]:
     """Return the stores of some rows: budget, preset and seeds."""
-    seeds: dict[tuple[str, str], set[int]] = {}
-    for row in stored:
-        seeds.setdefault((row.budget, row.preset), set()).add(int(row.values["seed"]))
-    return [(budget, preset, sorted(found)) for (budget, preset), found in seeds.items()]
+    seeds: dict[str, set[int]] = {}
+    for store, row in stored:
+        seeds.setdefault(store, set()).add(int(row.values["seed"]))
+    return [(*_parts(store), sorted(found)) for store, found in seeds.items()]
+
+
+def _parts(store: str) -> tuple[str, str]:
+    budget, _, preset = store.partition("/")
+    return budget, preset
 
 
 def _requests(
@@ -230,7 +241,7 @@ def _requests(
         registry=known,
         budget=budget,
         preset=preset,
-        domains=tuple(name for name in known.domains if name in domains),
+        domains=tuple(name for name in known.budgets[budget].env_steps if name in domains),
         agents=tuple(known.agents),
         references=tuple(known.references),
         seeds=tuple(seeds),

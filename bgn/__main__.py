@@ -11,6 +11,7 @@ from bgn.commands.domains import add_domains, add_write
 from bgn.commands.evaluate import add_evaluate
 from bgn.commands.parsing import INTERRUPTED, Commands
 from bgn.commands.render import add_render
+from bgn.commands.robot import add_robot
 from bgn.commands.solve import add_solve
 from bgn.errors import BgnError
 
@@ -24,6 +25,7 @@ COMMANDS: tuple[Callable[[Commands], None], ...] = (
     add_render,
     add_solve,
     add_evaluate,
+    add_robot,
 )
 
 

@@ -6,7 +6,7 @@ import os
 import sys
 import threading
 import time
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import mujoco
 import numpy as np
@@ -20,10 +20,17 @@ Image = NDArray[np.uint8]
 VIEW: Final = "talk"  # the camera every scene defines
 
 
+class Drawable(Protocol):
+    """A scene, or anything else that is a MuJoCo model with the camera ``VIEW``."""
+
+    model: Any
+    data: Any
+
+
 class Camera:
     """Draws a scene off-screen."""
 
-    def __init__(self, scene: Scene, width: int = 640, height: int = 360) -> None:
+    def __init__(self, scene: Drawable, width: int = 640, height: int = 360) -> None:
         self._scene = scene
         # Off-screen, MuJoCo clears and resolves its whole buffer for every picture.
         scene.model.vis.global_.offwidth, scene.model.vis.global_.offheight = width, height

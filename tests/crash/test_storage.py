@@ -61,7 +61,7 @@ def test_a_read_only_disk(small_disk: pathlib.Path, capsys: Capture) -> None:
     assert main(["status", *command]) == 0
     assert "1/2" in capsys.readouterr().out
     assert main(["tables", "--results", str(small_disk), "--budget", "smoke"]) == 3
-    assert "All metrics" in capsys.readouterr().out  # printed, though they cannot be kept
+    assert "What the paper claims" in capsys.readouterr().out  # printed, though it cannot be kept
 
 
 def test_other_errors_are_not_the_disks(tmp_path: pathlib.Path) -> None:
