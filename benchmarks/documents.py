@@ -162,7 +162,8 @@ def _source(found: PooledEvidence) -> str:
         cells = found.cells[found.cells["domain"] == domain.id]
         steps, runs = cells["env_steps"].max(), cells["runs"]
         n = f"{runs.min()}" if runs.min() == runs.max() else f"{runs.min()} to {runs.max()}"
-        horizons.append(f"{domain.title} {steps / 1e6:g} M (n = {n}, {len(cells)} agents)")
+        agents = f"{len(cells)} agent" + ("s" if len(cells) > 1 else "")
+        horizons.append(f"{domain.title} {steps / 1e6:g} M (n = {n}, {agents})")
     return (
         f"From `results/published` ({digest(found)}), preset `{found.preset}`, for each domain its longest budget: "
         f"{', '.join(horizons)}."

@@ -35,7 +35,7 @@ display.physics(evidence)
 # %% [markdown]
 # ## How to fill this page
 #
-# Run an evaluation session (`bgn robot --help`), and put its folder under `results/robot/` (or name another with
+# Run an evaluation session (`bgn robot --help`), and put its folder under `results/published/robot/` (or name another with
 # `BGN_RECORDINGS`): a session is a folder with `session.json` and `episodes/NAME/episode.json`. Recordings of the simulated arm are
 # read in the same way and say *twin*. Then execute this notebook again: `nox -s notebooks -- --write`.
 #

@@ -245,7 +245,7 @@ def physics(evidence: PooledEvidence) -> None:
 
 def recordings() -> None:
     """Show the recorded episodes on the robot, or say that there are none."""
-    folder = pathlib.Path(os.environ.get("BGN_RECORDINGS", ROOT / "results" / "robot"))
+    folder = pathlib.Path(os.environ.get("BGN_RECORDINGS", results() / "robot"))
     found = robot_recordings.episodes(folder)
     if found.empty:
         answer("No recordings yet: nothing is claimed of the robot.")

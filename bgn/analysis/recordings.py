@@ -43,4 +43,4 @@ def success_table(
             [str(session), str(evidence), str(task), f"{successes} of {n}", f"{low:.2f} to {high:.2f}"]
         )
     notes = ["Interrupted episodes are not counted. 95 %: Clopper-Pearson."]
-    return TextTable("Episodes on the robot", ["Session", "Evidence", "Task", "Success", "95 %"], rows, notes)
+    return TextTable("Recorded episodes", ["Session", "Evidence", "Task", "Success", "95 %"], rows, notes)
