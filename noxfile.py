@@ -40,8 +40,8 @@ def reproduce(session: nox.Session) -> None:
 
 @nox.session(venv_backend="none")
 def tests(session: nox.Session) -> None:
-    """Run the tests; arguments as pytest's."""
-    run(session, "pytest", *session.posargs)
+    """Run the tests, one process per core; arguments as pytest's."""
+    run(session, "pytest", "-n", "auto", "--dist", "worksteal", *session.posargs)
 
 
 @nox.session(venv_backend="none")
