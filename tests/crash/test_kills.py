@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import pathlib
 import random
 import subprocess
@@ -64,17 +65,23 @@ def assert_same_results(store: Store, other: Store) -> None:
         assert store.policy(run).read_bytes() == other.policy(run).read_bytes()
 
 
+def wait_until(process: subprocess.Popen[str], moment: float) -> None:
+    """Wait until a moment, but no longer than the process runs."""
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        process.wait(max(0.0, moment - time.monotonic()))
+
+
 def disturb(process: subprocess.Popen[str], rng: random.Random, seconds: float) -> int:
     """Kill a worker or two, then the parent, at random moments; return how many died of it."""
     kills = 0
     began = time.monotonic()
     moments = sorted(rng.uniform(0.0, seconds) for _ in range(rng.choice((2, 3, 3))))
     for moment in moments[:-1]:
-        time.sleep(max(0.0, moment - (time.monotonic() - began)))
+        wait_until(process, began + moment)
         workers = children(process.pid)
         if workers:
             kills += kill(rng.choice(workers))
-    time.sleep(max(0.0, moments[-1] - (time.monotonic() - began)))
+    wait_until(process, began + moments[-1])
     workers = children(process.pid)
     if process.poll() is None:
         process.kill()
