@@ -174,14 +174,16 @@ def _grow(tables: _Tables, graph: _Graph, n_roots: int) -> tuple[int, int]:
     """Fill in the graph from its roots; returns (nodes, edges), at the capacity if it was too small."""
     capacity, n_words = graph.members.shape
     n_actions, n_hidden = tables.x_next.shape[1], tables.weights.size
-    table = np.full(4 * capacity, -1, dtype=np.int64)
+    table = np.full(4 * capacity, -1, dtype=np.int64)  # open addressing: four places a node keep probes short
     n, edges, i = n_roots, 0, 0
     branch_x, branch_set = np.empty(n_hidden, dtype=np.int64), np.empty((n_hidden, n_words), dtype=np.uint64)
     branch_w, inside = np.empty(n_hidden), np.empty(n_hidden, dtype=np.int64)
     for i in range(n_roots):
         table[_find(graph, table, graph.x[i], graph.members[i], i)] = i
+    # Breadth first: node i is spread out while its children are appended behind node n - 1.
     i = 0
     while i < n:
+        # A belief is its support: what of the hidden part is still possible, each as likely as at the start.
         total, size = 0.0, 0
         for y in range(n_hidden):
             if graph.members[i, y >> 6] >> np.uint64(y & 63) & np.uint64(1):
@@ -190,6 +192,7 @@ def _grow(tables: _Tables, graph: _Graph, n_roots: int) -> tuple[int, int]:
                 size += 1
         graph.weight[i] = total
         for a in range(n_actions):
+            # An action splits the support by the x that it shows next; where it ends the episode nothing follows.
             branches = 0
             for y in inside[:size]:
                 p = tables.weights[y] / total
@@ -205,6 +208,7 @@ def _grow(tables: _Tables, graph: _Graph, n_roots: int) -> tuple[int, int]:
                     branches += 1
                 branch_w[k] += p
                 branch_set[k, y >> 6] |= np.uint64(1) << np.uint64(y & 63)
+            # Compiled code cannot enlarge the arrays: the caller does, and begins anew.
             if n + branches >= capacity or edges + branches >= graph.edge_child.size:
                 return capacity, graph.edge_child.size
             for k in range(branches):
