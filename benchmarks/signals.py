@@ -7,6 +7,7 @@ import signal
 import threading
 from collections.abc import Iterator
 from types import FrameType
+from typing import ClassVar
 
 #: Signals that ask a command to end.
 ASKING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -43,15 +44,36 @@ def stoppable() -> Iterator[None]:
             signal.signal(one, handler)
 
 
+class _Held:
+    """Signals that came while they were held back; Python handles all of them in the main thread."""
+
+    depth = 0
+    signals: ClassVar[list[int]] = []
+
+
 @contextlib.contextmanager
 def held_back() -> Iterator[None]:
-    """Let these signals wait, for this thread and for processes started in it."""
+    """Let these signals wait, for this thread and for processes started in it.
+
+    The kernel gives a signal that one thread blocks to any other that does not, and Python handles it in the main thread all
+    the same: hence the handler waits too.
+    """
+    main = threading.current_thread() is threading.main_thread()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, ASKING)
+    _Held.depth += main
     try:
         yield
     finally:
+        _Held.depth -= main
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if main and _Held.depth == 0 and _Held.signals:
+            first, *_ = _Held.signals
+            _Held.signals.clear()
+            raise Stopped(first)
 
 
 def _raise(signum: int, frame: FrameType | None) -> None:
+    if _Held.depth:
+        _Held.signals.append(signum)
+        return
     raise Stopped(signum)

@@ -74,7 +74,10 @@ def test_a_second_run_does_nothing_but_print(
     assert main([*show, "--all"]) == 0
     everything = capsys.readouterr().out
     assert "Normalised returns (paper, Table 8)" in everything
-    assert max(map(len, everything.splitlines())) <= 100
+    lines = [
+        line for line in everything.splitlines() if str(tmp_path) not in line
+    ]  # a path is as long as it is
+    assert max(map(len, lines)) <= 100
     assert main([*show, "--format", "csv"]) == 0
     assert "Agent,,Hallway" in capsys.readouterr().out
 

@@ -250,7 +250,11 @@ def test_a_revision_answers_with_its_own_code(repository: pathlib.Path) -> None:
         answers = then.ask([("smoke", PRESET, [0]), ("no such", PRESET, [0])], ["hallway"])
         retrained = then.retrain(**cells)  # type: ignore[arg-type]
         with pytest.raises(FormerError, match=r"has no bgn\.none; say in FORMER_PATHS"):
-            then.code_hash(dataclasses.replace(SCOPES["training"], without=("bgn.none",)))
+            then.code_hash(dataclasses.replace(SCOPES["training"], entries=("bgn.none",)))
+        later = dataclasses.replace(SCOPES["training"], without=(*SCOPES["training"].without, "bgn.none"))
+        assert then.code_hash(later) == then.code_hash(
+            SCOPES["training"]
+        )  # what was not there leaves out nothing
     assert list(answers.wanted) == [f"smoke/{PRESET}"]
     asked = answers.wanted[f"smoke/{PRESET}"]
     assert asked["runs hallway/ah-ch/seed-0"].code == provenance.code_hash(SCOPES["training"])

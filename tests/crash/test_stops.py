@@ -8,6 +8,7 @@ import pathlib
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 
@@ -103,17 +104,27 @@ def test_what_is_ignored_stays_ignored() -> None:
 
 
 def test_signals_wait_while_they_are_held_back() -> None:
+    """Also where another thread, which does not block them, is given them by the kernel."""
     reached = False
+    over = threading.Event()
+    other = threading.Thread(target=over.wait)
+    other.start()
 
     def work() -> None:
         nonlocal reached
         with held_back():
             os.kill(os.getpid(), signal.SIGTERM)
+            time.sleep(0.05)
             reached = True
 
-    with stoppable(), pytest.raises(Stopped):
-        work()
+    try:
+        with stoppable(), pytest.raises(Stopped) as caught:
+            work()
+    finally:
+        over.set()
+        other.join()
     assert reached
+    assert caught.value.exit_status == 143
     assert signal.SIGTERM not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
 
 
