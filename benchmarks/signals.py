@@ -55,8 +55,8 @@ class _Held:
 def held_back() -> Iterator[None]:
     """Let these signals wait, for this thread and for processes started in it.
 
-    The kernel gives a signal that one thread blocks to any other that does not, and Python handles it in the main thread all
-    the same: hence the handler waits too.
+    The kernel gives a signal that one thread blocks to any other that does not, and Python handles it in the main
+    thread all the same: hence the handler waits too.
     """
     main = threading.current_thread() is threading.main_thread()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, ASKING)
