@@ -28,12 +28,13 @@ from benchmarks.signals import Stopped, stoppable
 from benchmarks.tasks import CellTask, ReferenceTask, Task, Work
 from bgn.errors import BgnError
 from bgn.results import quarantine
-from bgn.results.store import StorageError, writing_to
+from bgn.results.store import StorageError, StoreError, writing_to
 from bgn.training.physics_evaluation import has_physics
 
 _FAILED, _USAGE, _STORAGE = 1, 2, 3
 #: Seconds between looks at the clock, and at the other executor.
 _TICK = 0.05
+_RESULTS = pathlib.Path("results/local")
 #: Cores that the threads of a GPU's cells keep busy.
 _CORES_OF_A_GPU = 2
 _FORMS: Mapping[str, report.Form] = {"md": "markdown", "csv": "csv", "html": "html", "latex": "latex"}
@@ -69,6 +70,8 @@ def _command(benchmark: Registry, options: argparse.Namespace, work: Work, conso
     if options.command in sharing.COMMANDS:
         return sharing.run(options, work, console)
     selection = _select(benchmark, options)
+    if options.results != _RESULTS and not options.results.is_dir() and options.command != "run":
+        raise StoreError(f"--results {options.results}: there is no such folder")
     if options.command == "run":
         _check_device(options)
         return _run(selection, options, work, console)
@@ -102,7 +105,7 @@ def _run(selection: Selection, options: argparse.Namespace, work: Work, console:
             print("time is up; the same command goes on from here", file=sys.stderr)
     statuses = plan.statuses(requests, store)
     with writing_to(store.root):
-        report.show_tables(selection, store, console)
+        report.show_tables(selection, store, console, write=True)
     if all(status.state is State.CURRENT for status in statuses):
         return 0
     report.show_missing(statuses, console)
@@ -202,7 +205,14 @@ def _show_status(selection: Selection, options: argparse.Namespace, console: Con
 def _show_tables(selection: Selection, options: argparse.Namespace, console: Console) -> int:
     store = selection.store(options.results)
     with writing_to(store.root):
-        report.show_tables(selection, store, console, everything=options.all, form=_FORMS.get(options.format))
+        report.show_tables(
+            selection,
+            store,
+            console,
+            everything=options.all,
+            form=_FORMS.get(options.format),
+            write=options.write,
+        )
     return 0
 
 
@@ -257,10 +267,13 @@ def _parser(benchmark: Registry) -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True)
     run = commands.add_parser("run", help="compute what is missing, then print the tables")
     status = commands.add_parser("status", help="say which runs are done, older, failed or missing")
-    tables = commands.add_parser("tables", help="print and write the tables of everything stored")
+    tables = commands.add_parser("tables", help="print the tables of everything stored")
     tables.set_defaults(domain=None, agent=None, reference=None, seeds=None)
     tables.add_argument(
         "--all", action="store_true", help="also what the verdicts rest on and every other metric"
+    )
+    tables.add_argument(
+        "--write", action="store_true", help="write them beside the results too, as `run` does"
     )
     tables.add_argument("--format", choices=tuple(_FORMS), help="print for another program")
     measure = commands.add_parser("measure", help="measure stored Hallway policies as the authors did")
@@ -303,7 +316,7 @@ def _add_store(command: argparse.ArgumentParser, benchmark: Registry) -> None:
     command.add_argument(
         "--results",
         type=pathlib.Path,
-        default=pathlib.Path("results/local"),
+        default=_RESULTS,
         help="folder of the store (default: results/local; published results are in results/published)",
     )
 

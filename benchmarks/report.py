@@ -60,15 +60,16 @@ def show_tables(
     *,
     everything: bool = False,
     form: Form | None = None,
+    write: bool = False,
 ) -> None:
-    """Print the claims and tables of what is stored under the budget and preset, and write all of them beside it.
+    """Print the claims and tables of what is stored under the budget and preset; ``write`` all of them beside it too.
 
     Without ``everything``: a line per claim, and the tables of returns and success rates. ``form`` prints them for
     another program, not for the terminal.
     """
     found = evidence.gather(selection.registry, selection.budget, selection.preset, store)
     if found.runs.empty and found.references.empty:
-        console.print(f"Nothing is stored in {store.root} yet.", highlight=False, soft_wrap=True)
+        console.print(_nothing(store), highlight=False, soft_wrap=True)
         return
     first, rest = leading_tables(found), further_tables(found)
     for table in (*first, *rest) if everything else first:
@@ -76,10 +77,20 @@ def show_tables(
             _print(table, console)
         else:
             print(getattr(table, form)())
-    _write(found, [*first, *rest], store)
+    if write:
+        _write(found, [*first, *rest], store)
     if form is None:
-        more = "" if everything else " All tables: --all."
-        console.print(f"Written to {store.root / 'tables'}.{more}", highlight=False, soft_wrap=True)
+        said = [f"Written to {store.root / 'tables'}."] if write else []
+        said += [] if everything else ["All tables: --all."]
+        console.print(" ".join(said), highlight=False, soft_wrap=True)
+
+
+def _nothing(store: Store) -> str:
+    """Say that a store is empty, and which beside it are not."""
+    stores = sorted({path.parent for path in store.root.parents[1].glob("*/*/runs")})
+    others = [f"{path.parent.name}/{path.name}" for path in stores if path != store.root]
+    there = f" Stored there (budget/preset): {', '.join(others)}." if others else ""
+    return f"Nothing is stored in {store.root} yet.{there}"
 
 
 def leading_tables(found: StoredEvidence) -> list[TextTable]:

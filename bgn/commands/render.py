@@ -43,6 +43,8 @@ def _render(options: argparse.Namespace) -> int:
     out: Path = options.out or Path(f"{options.domain}.gif")
     if not out.parent.is_dir():
         raise InputError(f"no folder {out.parent} to write {out.name} into")
+    if out.suffix != ".gif":
+        raise InputError(f"--out {out}: a film is a .gif file")
     recorded = film.record(domain, policy, options.seed)
     strip = out.with_name(f"{out.stem}-strip.png")
     film.save_gif(recorded, out)

@@ -137,9 +137,12 @@ class Store:
             Another process holds the lock.
         """
         work = self.root / ".work"
-        with writing_to(self.root):
+        try:
             work.mkdir(parents=True, exist_ok=True)
             handle = (work / "lock").open("a+", encoding="utf-8")
+        except OSError as error:
+            where = f"cannot write {error.filename or work}: {os.strerror(error.errno or 0)}"
+            raise StorageError(f"{where}; choose another folder with --results") from error
         with handle:
             try:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

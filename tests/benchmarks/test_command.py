@@ -224,6 +224,22 @@ def test_tables_of_nothing(tmp_path: pathlib.Path, capsys: Capture) -> None:
     assert "Nothing is stored" in capsys.readouterr().out
 
 
+def test_a_folder_that_is_not_there_is_an_error(tmp_path: pathlib.Path, capsys: Capture) -> None:
+    for command in ("tables", "status", "measure"):
+        assert main([command, "--results", str(tmp_path / "nowhere")]) == 2
+        assert "there is no such folder" in capsys.readouterr().err
+    (tmp_path / "file").touch()
+    assert main(["run", *smoke(tmp_path / "file", "hallway", agents=["ah-ch"])]) == 3
+    assert "Not a directory; choose another folder" in capsys.readouterr().err
+
+
+def test_reading_a_store_changes_nothing_in_it(tmp_path: pathlib.Path) -> None:
+    fakes.fill(tmp_path, fakes.WORKING, domain="hallway", agent="ah-ch", reference="random")
+    before = sorted(tmp_path.rglob("*"))
+    assert main(["tables", "--all", "--results", str(tmp_path), "--budget", "smoke"]) == 0
+    assert sorted(tmp_path.rglob("*")) == before
+
+
 def test_seeds() -> None:
     assert parse_seeds("0-3") == (0, 1, 2, 3)
     assert parse_seeds("7,0,2-3,2") == (0, 2, 3, 7)

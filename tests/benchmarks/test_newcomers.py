@@ -78,7 +78,7 @@ def test_every_cell_has_its_verdict(stored: StoredEvidence) -> None:
 def test_tables_show_them(
     added: pathlib.Path, results: pathlib.Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["tables", "--all", "--registry", str(added), "--results", str(results)]) == 0
+    assert main(["tables", "--all", "--write", "--registry", str(added), "--results", str(results)]) == 0
     text = capsys.readouterr().out
     for title in ("All metrics", "Raw returns", "Normalised returns", "Reference policies"):
         table = text[text.index(title) :].split("\n- ")[0]  # up to its notes

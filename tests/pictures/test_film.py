@@ -102,6 +102,7 @@ def test_render_command(small, tmp_path, capsys):
         (["render", "two-bumps-2d", "--variant", "new"], "unknown variant 'new'; known: paper, authors"),
         (["render", "top-plate", "--policy", "a.safetensors", "--plates", "5"], "brings its own variant"),
         (["render", "top-plate", "--out", "nowhere/film.gif"], "no folder nowhere to write film.gif into"),
+        (["render", "top-plate", "--out", "film.txt"], "film.txt: a film is a .gif file"),
         (["compile", "hallway"], "'hallway' is not a robot domain"),
         (["compile", "top-plate", "--histories", "0", "--force"], "histories >= 1, not 0"),
     ],
