@@ -46,7 +46,7 @@ display.figure(across.openings(evidence.scores, evidence.agent_titles, evidence.
 display.preset_settings(presets, "top-plate")
 
 # %%
-display.preset_settings(presets, "rocksample-4-4")
+display.preset_settings(presets, "hallway")
 
 # %% [markdown]
 # ## What came of it: robot domains
