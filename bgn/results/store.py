@@ -141,8 +141,7 @@ class Store:
             work.mkdir(parents=True, exist_ok=True)
             handle = (work / "lock").open("a+", encoding="utf-8")
         except OSError as error:
-            where = f"cannot write {error.filename or work}: {os.strerror(error.errno or 0)}"
-            raise StorageError(f"{where}; choose another folder with --results") from error
+            raise _unwritable(error, work) from error
         with handle:
             try:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -178,9 +177,13 @@ def writing_to(root: pathlib.Path) -> Iterator[None]:
     except OSError as error:
         if error.errno not in _STORAGE:
             raise
-        where = error.filename or root
-        advice = "make room there, or choose another folder with --results, and run again"
-        raise StorageError(f"cannot write {where}: {os.strerror(error.errno)}; {advice}") from error
+        raise _unwritable(error, root) from error
+
+
+def _unwritable(error: OSError, root: pathlib.Path) -> StorageError:
+    where, why = error.filename or root, os.strerror(error.errno or 0)
+    advice = "make room there, or choose another folder with --results, and run again"
+    return StorageError(f"cannot write {where}: {why}; {advice}")
 
 
 def write_parquet(path: pathlib.Path, table: pa.Table) -> None:

@@ -230,7 +230,7 @@ def test_a_folder_that_is_not_there_is_an_error(tmp_path: pathlib.Path, capsys: 
         assert "there is no such folder" in capsys.readouterr().err
     (tmp_path / "file").touch()
     assert main(["run", *smoke(tmp_path / "file", "hallway", agents=["ah-ch"])]) == 3
-    assert "Not a directory; choose another folder" in capsys.readouterr().err
+    assert "Not a directory; make room there, or choose another folder" in capsys.readouterr().err
 
 
 def test_reading_a_store_changes_nothing_in_it(tmp_path: pathlib.Path) -> None:
