@@ -60,7 +60,10 @@ def test_a_read_only_disk(small_disk: pathlib.Path, capsys: Capture) -> None:
     assert "Read-only file system; make room there, or choose another folder" in capsys.readouterr().err
     assert main(["status", *command]) == 0
     assert "1/2" in capsys.readouterr().out
-    assert main(["tables", "--results", str(small_disk), "--budget", "smoke"]) == 3
+    show = ["tables", "--results", str(small_disk), "--budget", "smoke"]
+    assert main(show) == 0
+    assert "What the paper claims" in capsys.readouterr().out
+    assert main([*show, "--write"]) == 3
     assert "What the paper claims" in capsys.readouterr().out  # printed, though it cannot be kept
 
 
