@@ -101,12 +101,6 @@ def task_of(domain_id: str) -> type[Task]:
     return _TASKS[domain_id]
 
 
-def robot_domains() -> tuple[str, ...]:
-    """Return the ids of the domains that have physics, sorted."""
-    _load_tasks()
-    return tuple(sorted(_TASKS))
-
-
 def draw_start(domain: Domain, rng: np.random.Generator) -> tuple[int, int]:
     """Draw (x, y) from the domain's start distribution."""
     start = domain.model.joint.start
