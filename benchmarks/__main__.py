@@ -229,12 +229,13 @@ def _measure(selection: Selection, options: argparse.Namespace, console: Console
 
 def _select(benchmark: Registry, options: argparse.Namespace) -> Selection:
     budget = benchmark.budget(options.budget)
-    benchmark.select("preset", [options.preset])
+    preset = options.preset or benchmark.preset_of(options.budget)
+    benchmark.select("preset", [preset])
     only_agents, only_references = options.agent is not None, options.reference is not None
     return Selection(
         registry=benchmark,
         budget=options.budget,
-        preset=options.preset,
+        preset=preset,
         domains=benchmark.select_domains(options.domain, budget=options.budget),
         agents=() if only_references and not only_agents else benchmark.select("agent", options.agent),
         references=(
@@ -282,7 +283,7 @@ def _parser(benchmark: Registry) -> argparse.ArgumentParser:
         _add_store(command, benchmark)
     for command in (run, status):
         _add_selection(command, benchmark)
-    sharing.add_commands(commands, benchmark.defaults)
+    sharing.add_commands(commands, benchmark)
     run.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="where to train (default: cpu)")
     run.add_argument(
         "--jobs", type=_positive, help="cells side by side (default: cores; on a GPU at most 31)"
@@ -310,9 +311,15 @@ def _parser(benchmark: Registry) -> argparse.ArgumentParser:
 
 def _add_store(command: argparse.ArgumentParser, benchmark: Registry) -> None:
     _add_registry(command)
-    for kind in ("budget", "preset"):
-        default, known = getattr(benchmark.defaults, kind), ", ".join(getattr(benchmark, kind + "s"))
-        command.add_argument(f"--{kind}", default=default, help=f"{known} (default: {default})")
+    default = benchmark.defaults.budget
+    command.add_argument(
+        "--budget", default=default, help=f"{', '.join(benchmark.budgets)} (default: {default})"
+    )
+    command.add_argument(
+        "--preset",
+        help=f"{', '.join(benchmark.presets)} (default: the budget's own, of {default} "
+        f"{benchmark.preset_of(default)})",
+    )
     command.add_argument(
         "--results",
         type=pathlib.Path,

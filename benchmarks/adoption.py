@@ -1,6 +1,6 @@
 """Results that another budget or preset has already: equal settings, code and tables make equal results.
 
-A row whose key is the one that is asked for is copied with its curve and policy instead of being computed again;
+A row whose key is the one that is asked for is copied, with all that lies beside it, instead of being computed again;
 ``taken_from`` says which budget and preset it was computed under. Everything else about it stays.
 """
 
@@ -15,7 +15,7 @@ from benchmarks.plan import Request
 from bgn.results import schema
 from bgn.results.atomic import write_bytes
 from bgn.results.quarantine import damage_of_run
-from bgn.results.store import Store, read_shard, write_parquet
+from bgn.results.store import Store, read_shard
 
 
 def adopt(requests: Sequence[Request], store: Store, results: pathlib.Path) -> list[Request]:
@@ -47,12 +47,11 @@ def _adopt(request: Request, store: Store, others: Sequence[Store]) -> bool:
 
 
 def _copy(request: Request, row: pa.Table, source: Store, store: Store) -> None:
-    """Copy a row, the row itself last: it stands for its curve and policy."""
-    policy = source.policy(request.run)
-    if policy.is_file():
-        write_bytes(store.policy(request.run), policy.read_bytes())
+    """Copy a row, the row itself last: it stands for all that belongs to it."""
     if request.kind == "runs":
-        write_parquet(store.shard("curves", request.run), read_shard(source.shard("curves", request.run)))
+        for theirs, ours in zip(source.companions(request.run), store.companions(request.run), strict=True):
+            if theirs.is_file():
+                write_bytes(ours, theirs.read_bytes())
     store.write(request.kind, request.run, under(row, store, taken_from=name_of(source)))
 
 

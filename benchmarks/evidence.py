@@ -115,7 +115,7 @@ def load(
     results
         The folder that ``python -m benchmarks`` calls ``--results``.
     budget, preset
-        Names of the registry; None: its defaults.
+        Names of the registry; None: its default budget, and the budget's own preset.
     registry
         What names and judges the results; None: the one that is shipped.
 
@@ -128,7 +128,7 @@ def load(
     """
     registry = registries.load() if registry is None else registry
     budget = registry.defaults.budget if budget is None else budget
-    preset = registry.defaults.preset if preset is None else preset
+    preset = registry.preset_of(budget) if preset is None else preset
     folder = pathlib.Path(results)
     (budget,), (preset,) = registry.select("budget", [budget]), registry.select("preset", [preset])
     found = gather(registry, budget, preset, Store(folder / budget / preset))
@@ -206,7 +206,8 @@ def _measured(runs: pd.DataFrame, store: Store) -> pd.DataFrame:
 
 
 def _remarks(registry: Registry, budget: str, preset: str, runs: pd.DataFrame) -> list[str]:
-    remarks = [f"Budget {budget}: {registry.budget(budget).description}. Preset {preset}."]
+    meaning = registry.presets[preset].description
+    remarks = [f"Budget {budget}: {registry.budget(budget).description}. Preset {preset}: {meaning}."]
     if runs["older"].any():
         remarks.append(
             f"‡: {int(runs['older'].sum())} of {len(runs)} runs are of other code, settings or domain tables "

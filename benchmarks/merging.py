@@ -56,8 +56,8 @@ def stores(results: pathlib.Path) -> list[pathlib.Path]:
 def merge(sources: Sequence[pathlib.Path], into: pathlib.Path) -> Iterator[Merged]:
     """Copy what is not in ``into`` yet from the sources, in order; yield what becomes of every row.
 
-    Of two different results of one run the first stays: that of ``into``, or of the source named first. Files
-    are copied as they are.
+    Of two different results of one run the first stays: that of ``into``, or of the source named first. Of the same
+    result what ``into`` lacks is taken too: its policy, or what was measured of that. Files are copied as they are.
 
     Raises
     ------
@@ -87,17 +87,28 @@ def _merge_row(store: Store, target: Store, kind: Kind, run: str) -> tuple[Outco
         return Outcome.DAMAGED, damage
     present, failed = target.shard(kind, run), run.endswith(".failed")
     if present.exists():
-        return (Outcome.SAME, "") if failed else _compare(store, target, kind, run)
+        outcome, detail = (Outcome.SAME, "") if failed else _compare(store, target, kind, run)
+        if outcome is Outcome.SAME:
+            _copy([path for path in files if not _target(path, store, target).exists()], store, target)
+        return outcome, detail
     if failed and target.shard(kind, run.removesuffix(".failed")).exists():
         return Outcome.SAME, "it has succeeded since"
-    for path in files:
-        write_bytes(target.root / path.relative_to(store.root), path.read_bytes())
+    _copy(files, store, target)
     return Outcome.TAKEN, ""
+
+
+def _copy(files: Sequence[pathlib.Path], store: Store, target: Store) -> None:
+    for path in files:
+        write_bytes(_target(path, store, target), path.read_bytes())
+
+
+def _target(path: pathlib.Path, store: Store, target: Store) -> pathlib.Path:
+    return target.root / path.relative_to(store.root)
 
 
 def _files(store: Store, kind: Kind, run: str) -> list[pathlib.Path]:
     """Return the files of a run, its row last, which stands for the others."""
-    others = [store.policy(run), store.shard("curves", run)] if kind == "runs" else []
+    others = store.companions(run) if kind == "runs" else []
     return [*(path for path in others if path.exists()), store.shard(kind, run)]
 
 

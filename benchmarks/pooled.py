@@ -107,7 +107,8 @@ def load(
         Nothing of the kind is stored; the message names what is.
     """
     registry = registries.load() if registry is None else registry
-    preset = registry.defaults.preset if preset is None else preset
+    if preset is None:
+        preset = registry.defaults.preset if budget in (None, LONGEST) else registry.preset_of(budget)
     overview = stored(results, registry)
     of_preset = overview[overview["preset"] == preset]
     chosen = of_preset if budget in (None, LONGEST) else of_preset[of_preset["budget"] == budget]

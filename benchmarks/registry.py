@@ -116,6 +116,8 @@ class Budget(_Entry):
     """How long to train, how many seeds, how thoroughly to evaluate."""
 
     description: str
+    preset: str | None = None
+    """What it is run under where no preset is named; None: the registry's default."""
     seeds: int = Field(ge=1, le=10_000)
     evaluation_episodes: int = Field(ge=2)
     physics_episodes: int = Field(ge=0)
@@ -185,6 +187,8 @@ class Registry(_Entry):
             _known(f"domains.{name}.references", entry.references, self.references)
             _unique(f"domains.{name}.references", entry.references)
         for name, budget in self.budgets.items():
+            if budget.preset is not None:
+                _known(f"budgets.{name}.preset", [budget.preset], self.presets)
             where = f"budgets.{name}.env_steps"
             _known(where, budget.env_steps, self.domains)
             for domain, steps in budget.env_steps.items():
@@ -227,6 +231,10 @@ class Registry(_Entry):
         """Return the budget of that name, or raise :class:`RegistryError`."""
         self.select("budget", [name])
         return self.budgets[name]
+
+    def preset_of(self, budget: str) -> str:
+        """Return the preset that a budget is run under where none is named; unknown budgets raise."""
+        return self.budget(budget).preset or self.defaults.preset
 
     def select_domains(self, names: Iterable[str] | None, *, budget: str) -> tuple[str, ...]:
         """Return ``names`` in registry order (``None``: all that are part of the budget).

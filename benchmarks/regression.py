@@ -33,7 +33,7 @@ from bgn.analysis.statistics import Sample
 from bgn.analysis.text_table import BLANK, TextTable, plus_minus
 from bgn.errors import BgnError, InputError
 
-BUDGET, PRESET = "regress", "calibrated"
+BUDGET = "regress"
 #: Seeds that no published run uses; those of the second stage are others than those of the first.
 FIRST_SCREENING_SEED, FIRST_CONFIRMING_SEED = 1000, 1100
 _EXIT = {Outcome.FINE: 0, Outcome.REGRESSED: 1, Outcome.UNCLEAR: 2}
@@ -73,6 +73,7 @@ def main(arguments: Sequence[str] | None = None, *, work: Work = Work()) -> int:
         reference = evidence.load(
             options.against, budget=options.budget, preset=options.preset, registry=registry
         )
+        options.preset = reference.preset  # the budget's own, where none was named
         chosen = _chosen(reference, registry, options)
         started = time.monotonic()
         with tempfile.TemporaryDirectory(prefix="bgn-regression-") as folder:
@@ -255,7 +256,7 @@ def _parser() -> argparse.ArgumentParser:
         "--against", type=pathlib.Path, default=pathlib.Path("results/published"), metavar="DIR"
     )
     parser.add_argument("--budget", default=BUDGET, help=f"of the reference (default: {BUDGET})")
-    parser.add_argument("--preset", default=PRESET, help=f"of the reference (default: {PRESET})")
+    parser.add_argument("--preset", help="of the reference (default: the budget's own)")
     parser.add_argument("--domain", nargs="+", help="only cells of these")
     parser.add_argument("--agent", nargs="+", help="only cells of these")
     parser.add_argument(

@@ -50,12 +50,17 @@ def rerun_and_compare(store: Store, run: str, work: Work = Work()) -> Comparison
     Raises
     ------
     RerunError
-        The store holds no such finished row, or one whose specification this version does not know.
+        The store holds no such finished row, one whose specification this version does not know, or a run of a GPU.
     """
     kind, row = _row(store, run)
     if kind == "references":
         spec = _specification(ReferenceSpec, row)
         return Comparison(run, of_metrics(_metrics(row, kind)), of_metrics(work.evaluate_reference(spec)))
+    if row["device"] != "cpu":
+        raise RerunError(
+            f"{run} was trained on a GPU ({row['device']}), which adds up in another order: on a CPU it comes out "
+            "the same statistically, not bit for bit; `nox -s regress` compares cells that way"
+        )
     (result,) = work.train_cell(
         _specification(CellSpec, row), [int(row["seed"])], checkpoint=None, on_progress=lambda _: None
     )
@@ -90,7 +95,7 @@ def _specification(kind: type[Any], row: dict[str, Any]) -> Any:
 
 def _metrics(row: dict[str, Any], kind: Kind) -> dict[str, float]:
     identity = schema.RUN_IDENTITY if kind == "runs" else schema.REFERENCE_IDENTITY
-    others = {*identity, *schema.OUTCOME, *schema.PROVENANCE, *schema.REKEYING}
+    others = {*identity, *schema.OUTCOME, *schema.PROVENANCE, *schema.REKEYING, *schema.ADOPTION}
     return {name: float(value) for name, value in row.items() if name not in others}
 
 

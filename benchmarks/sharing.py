@@ -12,6 +12,7 @@ from rich.console import Console
 from benchmarks import archive, merging
 from benchmarks.archive import verify_archive, verify_folder
 from benchmarks.merging import Merged, Outcome
+from benchmarks.registry import Registry
 from benchmarks.rerun import rerun_and_compare
 from benchmarks.tasks import Work
 from bgn.results.environment import environment
@@ -21,8 +22,8 @@ COMMANDS = ("merge", "export", "verify")
 _DONE, _FAILED = 0, 1
 
 
-def add_commands(commands: Any, defaults: Any) -> None:
-    """Add the commands to the command line; ``defaults`` names a budget and a preset."""
+def add_commands(commands: Any, benchmark: Registry) -> None:
+    """Add the commands to the command line; the registry says which budget and preset are meant by default."""
     merge = commands.add_parser("merge", help="put results of several machines into one folder")
     merge.add_argument("sources", nargs="+", type=pathlib.Path, metavar="RESULTS")
     merge.add_argument("--into", type=pathlib.Path, required=True, metavar="RESULTS")
@@ -37,9 +38,9 @@ def add_commands(commands: Any, defaults: Any) -> None:
     )
     verify.add_argument("path", type=pathlib.Path, metavar="FILE.tar|RESULTS")
     verify.add_argument("--rerun", metavar="RUN", help="compute this run again and compare, bit for bit")
-    for kind in ("budget", "preset"):
-        verify.add_argument(f"--{kind}", default=getattr(defaults, kind), help="of the run to compute again")
-    verify.set_defaults(share=_verify)
+    verify.add_argument("--budget", default=benchmark.defaults.budget, help="of the run to compute again")
+    verify.add_argument("--preset", help="of the run to compute again (default: the budget's own)")
+    verify.set_defaults(share=_verify, preset_of=benchmark.preset_of)
 
 
 def run(options: argparse.Namespace, work: Work, console: Console) -> int:
@@ -83,7 +84,8 @@ def _verify(options: argparse.Namespace, work: Work, console: Console) -> int:
 
 
 def _rerun(options: argparse.Namespace, work: Work, console: Console) -> int:
-    store = Store(options.path / options.budget / options.preset)
+    preset = options.preset or options.preset_of(options.budget)
+    store = Store(options.path / options.budget / preset)
     comparison = rerun_and_compare(store, options.rerun, work)
     if comparison.identical:
         _say(console, f"{options.rerun} came out the same, bit for bit")

@@ -65,6 +65,10 @@ class Store:
         """Return where the policy of a run lies."""
         return self.root / "policies" / f"{run}.safetensors"
 
+    def companions(self, run: str) -> list[pathlib.Path]:
+        """Return what may lie beside a run's row: its curve, its policy and what was measured of that afterwards."""
+        return [self.shard("curves", run), self.policy(run), self.shard("measures", run)]
+
     def checkpoint(self, cell: str, key: str, seeds: Sequence[int]) -> pathlib.Path:
         """Return where unfinished seeds of a cell such as ``hallway/ah-ch``, stacked, are kept."""
         stack = "-".join(map(str, seeds))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pathlib
 
+import pyarrow as pa
 import pyarrow.parquet as pq
 
 from benchmarks.__main__ import main
@@ -39,6 +40,16 @@ def test_equal_settings_are_not_computed_twice(tmp_path: pathlib.Path) -> None:
     for run in taken["run"]:
         assert ours.policy(run).read_bytes() == theirs.policy(run).read_bytes()
         assert pq.read_table(ours.shard("curves", run)).equals(pq.read_table(theirs.shard("curves", run)))
+
+
+def test_what_was_measured_of_a_policy_comes_along(tmp_path: pathlib.Path) -> None:
+    assert main(command(tmp_path, "authors-code", "hallway"), work=fakes.WORKING) == 0
+    theirs = Store(tmp_path / "smoke" / "authors-code")
+    run, key = theirs.read("runs").loc[0, ["run", "key"]]
+    theirs.write("measures", run, pa.table({"run": [run], "key": [key], "first_100_return": [0.5]}))
+    assert main(command(tmp_path, "calibrated", "hallway"), work=fakes.BREAKING) == 0
+    taken = Store(tmp_path / "smoke" / "calibrated").read("measures")
+    assert taken.to_dict("list") == {"run": [run], "key": [key], "first_100_return": [0.5]}
 
 
 def test_where_it_was_computed_is_kept_when_taken_again(tmp_path: pathlib.Path) -> None:

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
+import shutil
+import uuid
 from collections.abc import Sequence
 from typing import Any
 
+import pyarrow as pa
 import pytest
 
 from benchmarks import registry
+from benchmarks.adoption import under
 from benchmarks.rerun import RerunError, rerun_and_compare
 from benchmarks.retraining import fingerprint
 from benchmarks.tasks import Work, train_cell
-from bgn.results.store import Store
+from bgn.results.store import Store, read_shard
 from bgn.training.cell import CellSpec, RunResult
 from tests.benchmarks import fakes
 
@@ -73,6 +77,29 @@ def test_times_do_not_count_and_every_other_bit_does(store: Store) -> None:
     assert fingerprint(result.curve, result.metrics, policy).differences(whole) == ("policy",)
     metrics = {**result.metrics, "greedy_return": result.metrics["greedy_return"] + 1e-15}
     assert fingerprint(result.curve, metrics, result.policy).differences(whole) == ("metrics",)
+
+
+def test_an_adopted_run_is_computed_again_too(store: Store) -> None:
+    row = read_shard(store.shard("runs", RUN))
+    adopted = under(row, store, taken_from="paper/calibrated")
+    comparison = rerun_and_compare(_with_row(store, adopted), RUN, BRIEF)
+    assert comparison.identical
+
+
+def test_a_run_of_a_gpu_is_not_compared_bit_for_bit(store: Store) -> None:
+    row = read_shard(store.shard("runs", RUN))
+    at = row.schema.get_field_index("device")
+    there = row.set_column(at, "device", pa.array(["cuda"]))
+    with pytest.raises(RerunError, match="trained on a GPU"):
+        rerun_and_compare(_with_row(store, there), RUN, BRIEF)
+
+
+def _with_row(store: Store, row: pa.Table) -> Store:
+    """Return a copy of a store whose run has another row."""
+    copy = Store(store.root.parent / f"{store.root.name}-{uuid.uuid4().hex}")
+    shutil.copytree(store.root, copy.root)
+    copy.write("runs", RUN, row)
+    return copy
 
 
 def test_an_unknown_run_is_refused(store: Store) -> None:

@@ -83,6 +83,20 @@ def original_of(seed: int, results: pathlib.Path, other: pathlib.Path) -> pathli
     return (results, other)[seed]
 
 
+def test_what_lies_beside_a_run_is_merged_too(results: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    """Also where the run itself is there already, as when policies come later or were measured elsewhere."""
+    run, into = RUN.format(0), tmp_path / "both"
+    policy = stored(results).policy(run).read_bytes()
+    stored(results).policy(run).unlink()
+    assert main(["merge", str(results), "--into", str(into)]) == 0
+    assert not stored(into).policy(run).exists()
+    stored(results).policy(run).write_bytes(policy)
+    stored(results).write("measures", run, pa.table({"run": [run], "key": ["k"], "first_100_return": [0.5]}))
+    assert main(["merge", str(results), "--into", str(into)]) == 0
+    assert stored(into).policy(run).read_bytes() == policy
+    assert stored(into).read("measures").equals(stored(results).read("measures"))
+
+
 @pytest.mark.parametrize(
     ("column", "value", "said"),
     [("key", "another", "other code, settings or tables"), ("sampled_return", 0.25, "other sampled_return")],
