@@ -165,8 +165,8 @@ def _source(found: PooledEvidence) -> str:
         agents = f"{len(cells)} agent" + ("s" if len(cells) > 1 else "")
         horizons.append(f"{domain.title} {steps / 1e6:g} M (n = {n}, {agents})")
     return (
-        f"From `results/published` ({digest(found)}), preset `{found.preset}`, for each domain its longest budget: "
-        f"{', '.join(horizons)}."
+        f"From `results/published` ({digest(found)}), preset `{found.preset}`, "
+        f"for each domain the longest budget with most agents: {', '.join(horizons)}."
     )
 
 

@@ -1,7 +1,7 @@
-"""Several stores of one preset read as one: for each domain the budget that trained it longest.
+"""Several stores of one preset read as one: for each domain the longest budget under which most agents were trained.
 
 A domain's cells always come from one budget, so that agents are compared at equal horizons; which budget is a matter of
-its length alone, never of what came out.
+agents and length alone, never of what came out. A remark names longer runs of fewer agents.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ def load(
     budget: str | None = None,
     registry: Registry | None = None,
 ) -> PooledEvidence:
-    """Read, for each domain, the longest runs of a preset (or those of one budget).
+    """Read, for each domain, the longest runs of most agents of a preset (or those of one budget).
 
     Raises
     ------
@@ -117,16 +117,34 @@ def load(
         raise EvidenceError(
             f"{results} holds no runs of {budget or 'any budget'}/{preset}; stored: {', '.join(have) or 'nothing'}"
         )
-    longest = chosen.sort_values("env_steps", kind="stable").groupby("domain").last()["budget"]
+    longest = chosen.sort_values(["agents", "env_steps"], kind="stable").groupby("domain").last()["budget"]
     parts = {
         b: evidence.load(results, budget=b, preset=preset, registry=registry) for b in set(chosen["budget"])
     }
     of_domain = {d: parts[longest[d]] for d in registry.domains if d in longest.index}
-    return _pool(registry, preset, of_domain, list(parts.values()))
+    return _pool(registry, preset, of_domain, list(parts.values()), _not_shown(chosen, longest))
+
+
+def _not_shown(stored: pd.DataFrame, chosen: pd.Series[str]) -> list[str]:
+    """Say which runs are longer than a domain's chosen ones, but of fewer agents."""
+    remarks = []
+    for domain, group in stored.groupby("domain", sort=False):
+        steps = group.set_index("budget")["env_steps"]
+        for row in group[group["env_steps"] > steps[chosen[domain]]].itertuples():
+            agents = f"{row.agents} agent" + ("s" if row.agents > 1 else "")
+            remarks.append(
+                f"Not shown: {row.runs} longer runs of {agents} in {domain}, {row.env_steps / 1e6:g} M steps: "
+                f"`--budget {row.budget}`."
+            )
+    return remarks
 
 
 def _pool(
-    registry: Registry, preset: str, parts: Mapping[str, StoredEvidence], others: Sequence[StoredEvidence]
+    registry: Registry,
+    preset: str,
+    parts: Mapping[str, StoredEvidence],
+    others: Sequence[StoredEvidence],
+    not_shown: Sequence[str],
 ) -> PooledEvidence:
     runs = pd.concat([_of_domain(part.runs, domain) for domain, part in parts.items()], ignore_index=True)
     references = pd.concat([_references(domain, [part, *others]) for domain, part in parts.items()])
@@ -141,7 +159,7 @@ def _pool(
         domains=rows,
         agent_titles={name: agent(name).title for name in registry.agents},
         reference_titles={name: entry.title for name, entry in registry.references.items()},
-        remarks=remarks,
+        remarks=[*remarks, *not_shown],
         budget=" and ".join(names),
         preset=preset,
         store=first.store,

@@ -121,7 +121,7 @@ class Store:
         tables = []
         for path in paths:
             with contextlib.suppress(FileNotFoundError):  # a failure forgotten since by a run that goes on
-                tables.append(read_shard(path))
+                tables.append(_with_one_kind_of_text(read_shard(path)))
         try:
             frame: pd.DataFrame = pa.concat_tables(tables, promote_options="default").to_pandas()
         except pa.ArrowException as error:
@@ -195,6 +195,15 @@ def write_parquet(path: pathlib.Path, table: pa.Table) -> None:
     sink = pa.BufferOutputStream()
     pq.write_table(table, sink, compression="zstd", write_page_checksum=True)
     write_bytes(path, sink.getvalue().to_pybytes())
+
+
+def _with_one_kind_of_text(table: pa.Table) -> pa.Table:
+    """Return a table whose texts are all of one type; which a curve has depends on the version of pandas."""
+    fields = [
+        field.with_type(pa.string()) if pa.types.is_large_string(field.type) else field
+        for field in table.schema
+    ]
+    return table.cast(pa.schema(fields))
 
 
 def _stack(checkpoint: pathlib.Path) -> tuple[int, ...]:

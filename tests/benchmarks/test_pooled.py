@@ -1,20 +1,35 @@
 from __future__ import annotations
 
 import pathlib
+import shutil
 
 import pytest
 
-from benchmarks import evidence, pooled
+from benchmarks import evidence, pooled, registry
 from benchmarks.__main__ import main
 from benchmarks.evidence import EvidenceError
 from tests.benchmarks import fakes
+
+PRESET = registry.load().defaults.preset
 
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
     """Hallway at two budgets, Hallway-2 at the shorter one."""
     folder = tmp_path_factory.mktemp("results")
-    common = ["run", "--results", str(folder), "--jobs", "1", "--seeds", "0-1", "--agent", "ah-ch"]
+    common = [
+        "run",
+        "--results",
+        str(folder),
+        "--jobs",
+        "1",
+        "--seeds",
+        "0-1",
+        "--agent",
+        "ah-ch",
+        "--preset",
+        PRESET,
+    ]
     short = ["--budget", "smoke", "--domain", "hallway", "hallway-2", "--reference", "random"]
     assert main([*common, *short], work=fakes.WORKING) == 0
     assert main([*common, "--budget", "laptop", "--domain", "hallway"], work=fakes.WORKING) == 0
@@ -34,6 +49,31 @@ def test_each_domain_comes_from_its_longest_budget(results: pathlib.Path) -> Non
     }
     assert len(found.curves) == 4 * 3
     assert set(found.policies()) == {f"{d}/ah-ch/seed-{s}" for d in ("hallway", "hallway-2") for s in (0, 1)}
+
+
+def test_longer_runs_of_fewer_agents_are_named_but_not_shown(
+    results: pathlib.Path, tmp_path: pathlib.Path
+) -> None:
+    folder = pathlib.Path(shutil.copytree(results, tmp_path / "results"))
+    more = [
+        "run",
+        "--preset",
+        PRESET,
+        "--results",
+        str(folder),
+        "--jobs",
+        "1",
+        "--seeds",
+        "0-1",
+        "--agent",
+        "ab-cb",
+        "--budget",
+        "smoke",
+    ]
+    assert main([*more, "--domain", "hallway"], work=fakes.WORKING) == 0
+    found = pooled.load(folder)
+    assert found.budgets["hallway"] == "smoke"
+    assert "Not shown: 2 longer runs of 1 agent in hallway, 0.11 M steps: `--budget laptop`." in found.remarks
 
 
 def test_one_budget_can_be_asked_for(results: pathlib.Path) -> None:

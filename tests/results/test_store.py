@@ -27,6 +27,14 @@ def test_what_is_written_is_read(tmp_path: pathlib.Path) -> None:
     assert store.read("curves").empty
 
 
+def test_texts_of_two_versions_of_pandas_are_read_together(tmp_path: pathlib.Path) -> None:
+    store = Store(tmp_path)
+    for seed, kind in enumerate((pa.string(), pa.large_string())):
+        run = f"hallway/ah-ch/seed-{seed}"
+        store.write("curves", run, pa.table({"run": pa.array([run], kind), "env_steps": [80]}))
+    assert store.read("curves")["run"].tolist() == ["hallway/ah-ch/seed-0", "hallway/ah-ch/seed-1"]
+
+
 def test_failure_stands_beside_an_older_result_until_success(tmp_path: pathlib.Path) -> None:
     store = Store(tmp_path)
     store.write("runs", RUN, table(run=RUN, status="ok", key="old"))
