@@ -123,8 +123,21 @@ def test_selection_keeps_registry_order() -> None:
         ),
         ("lanes = 16", 'lanes = "many"', r"presets\.authors-code for hallway: lanes: .*integer"),
         ("belief_weight = 0.267", "belief_wait = 1", r"domains\.hallway: unknown 'belief_wait'"),
-        ('extends = "authors-code"', 'extends = "nobody"', r"presets\.calibrated\.extends: unknown 'nobody'"),
-        ('extends = "authors-code"', 'extends = "calibrated"', r"extends: 'calibrated' extends it in turn"),
+        (
+            'extends = "authors-code"',
+            'extends = "nobody"',
+            r"presets\.reproduction\.extends: unknown 'nobody'",
+        ),
+        (
+            'extends = "authors-code"',
+            'extends = "ridge-start"',
+            r"extends: 'reproduction' extends it in turn",
+        ),
+        (
+            'preset = "ridge-start"',
+            'preset = "bridge"',
+            r"budgets\.laptop\.preset: unknown 'bridge'; known: auth",
+        ),
         ('"fib"]', '"fob"]', r"domains\.hallway\.references: unknown 'fob'; known: random, sarsop"),
         ('"fib"]', '"qmdp"]', r"domains\.hallway\.references: 'qmdp' is listed more"),
         (
@@ -153,6 +166,27 @@ def test_bad_registries_name_file_key_and_what_is_known(
     with pytest.raises(RegistryError, match=message) as caught:
         load_changed(tmp_path, old, new)
     assert str(tmp_path / "registry.toml") in str(caught.value)
+
+
+def test_a_budget_names_its_preset_or_leaves_it_to_the_default() -> None:
+    shipped = registry.load()
+    assert shipped.preset_of("laptop") == "ridge-start"
+    assert shipped.preset_of("paper") == shipped.defaults.preset == "reproduction"
+    with pytest.raises(RegistryError, match="unknown budget 'dinner'"):
+        shipped.preset_of("dinner")
+
+
+def test_one_setting_for_all_agents_is_what_claims_are_judged_under() -> None:
+    """The authors' in the classic domains, what the equal search chose (and the paper prints) in the robot domains."""
+    shipped = registry.load()
+    of = {name: shipped.presets[name].hyperparameters for name in shipped.presets}
+    for domain, entry in shipped.domains.items():
+        origin = "search-plain" if entry.physics else "authors-code"
+        assert of["reproduction"](domain) == of[origin](domain)
+        steepness = 10.0 if entry.physics else 0.0
+        assert of["ridge-start"](domain) == dataclasses.replace(
+            of[origin](domain), feature_steepness=steepness
+        )
 
 
 def test_missing_file(tmp_path: pathlib.Path) -> None:
