@@ -64,7 +64,7 @@ class Check:
     seeds: tuple[int, ...] = (0, 1, 2)
     updates: int = 100
     seconds: float = _SECONDS
-    at_once: Sequence[int] = (1, 4, 8, 16)
+    at_once: Sequence[int] = (1, 4, 8, 16, 24)
 
     def run(self) -> Iterator[Finding]:
         """Yield the findings, question by question."""

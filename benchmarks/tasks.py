@@ -309,7 +309,7 @@ def _rows(
     """Return the columns of each run of a task but for its metrics."""
     common: dict[str, Any] = {
         **outcome,
-        **provenance.environment(),
+        **provenance.environment("cpu" if isinstance(task, ReferenceTask) else task.device),
         "budget": task.budget,
         "preset": task.preset,
         "key": task.origin.key,

@@ -16,13 +16,16 @@ _RECORDED_VERSIONS = ("bgn", "torch", "numpy", "scipy", "mujoco", "numba")
 
 
 @cache
-def environment() -> Mapping[str, str | bool | None]:
-    """Return the git state, the versions and the machine, under the column names of the store."""
+def environment(device: str = "cpu") -> Mapping[str, str | bool | None]:
+    """Return the git state, the versions and the machine, under the column names of the store.
+
+    ``device`` is where torch computes; a GPU is named after the processor.
+    """
     commit, dirty = git_state(_PACKAGE)
     recorded: dict[str, str | bool | None] = {
         "git_commit": commit,
         "git_dirty": dirty,
-        "machine": f"{platform.system()} {platform.machine()}, {processor()}",
+        "machine": ", ".join([f"{platform.system()} {platform.machine()}", processor(), *_accelerators(device)]),
         "version_python": platform.python_version(),
     }
     return recorded | {f"version_{name}": _version(name) for name in _RECORDED_VERSIONS}
@@ -59,6 +62,14 @@ def processor() -> str:
         lines = []
     names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
     return next(names, platform.processor() or platform.machine())
+
+
+def _accelerators(device: str) -> list[str]:
+    if device == "cpu":
+        return []
+    import torch  # imported here because it takes seconds, and who asks has imported it already
+
+    return [torch.cuda.get_device_name(device)] if torch.cuda.is_available() else []
 
 
 def _version(distribution: str) -> str | None:

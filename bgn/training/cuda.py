@@ -64,6 +64,40 @@ def _take_stream(device: torch.device) -> Any:
     )
 
 
+class _Precedence:
+    """Lets captures go before replays.
+
+    A capture is thousands of calls of Python. Beside threads that replay, which take the interpreter and fill the
+    device, it lasts seconds; while they pause, a fraction of one.
+    """
+
+    def __init__(self) -> None:
+        self._changed = threading.Condition()
+        self._wanted = 0
+
+    @contextmanager
+    def capturing(self) -> Iterator[None]:
+        """Capture in here, one thread at a time."""
+        with self._changed:
+            self._wanted += 1
+        try:
+            with _CAPTURING:
+                yield
+        finally:
+            with self._changed:
+                self._wanted -= 1
+                self._changed.notify_all()
+
+    def give_way(self) -> None:
+        """Wait while any thread captures or is about to."""
+        if self._wanted:
+            with self._changed:
+                self._changed.wait_for(lambda: not self._wanted)
+
+
+_PRECEDENCE = _Precedence()
+
+
 class Graph:
     """A call captured once, and replayed without its host work.
 
@@ -75,7 +109,7 @@ class Graph:
         stream = torch.cuda.current_stream()
         self._graph = torch.cuda.CUDAGraph()
         try:
-            with _CAPTURING:
+            with _PRECEDENCE.capturing():
                 for _ in range(WARM_UP):
                     call()
                 # Thread-local: what cells in other threads do meanwhile must not spoil the capture.
@@ -86,7 +120,8 @@ class Graph:
             raise DeviceLostError(f"cannot capture an update: {error}") from error
 
     def replay(self) -> None:
-        """Launch all of it."""
+        """Launch all of it, once no thread captures."""
+        _PRECEDENCE.give_way()
         self._graph.replay()
 
     def close(self) -> None:

@@ -240,3 +240,40 @@ def test_only_errors_of_a_gpu_lose_it(device: str, expected: type[Exception]) ->
     assert type(caught.value) is expected  # type: ignore[unreachable]
     with pytest.raises(FloatingPointError), lost_devices(GPU):
         raise FloatingPointError("the loss is NaN")
+
+
+def test_replays_wait_for_captures(fake: FakeCuda) -> None:
+    """What was captured first goes on when the capture that came between is over, and not before."""
+    order: list[str] = []
+    capturing, replayed = threading.Event(), threading.Event()
+
+    def slow_call() -> None:
+        if not capturing.is_set():
+            capturing.set()
+            assert not replayed.wait(0.2), "replayed during a capture"
+            order.append("captured")
+
+    def replay(graph: Graph) -> None:
+        capturing.wait(10)
+        graph.replay()
+        order.append("replayed")
+        replayed.set()
+
+    with own_stream(GPU):
+        first = Graph(lambda: None, restore=lambda: None)
+
+    def capture() -> None:
+        with own_stream(GPU):
+            Graph(slow_call, restore=lambda: None)
+
+    in_threads([lambda: replay(first), capture])
+    assert order == ["captured", "replayed"]
+
+
+def test_replays_go_on_after_a_capture_that_failed(fake: FakeCuda) -> None:
+    with own_stream(GPU):
+        graph = Graph(lambda: None, restore=lambda: None)
+        fake.failing = True
+        with pytest.raises(DeviceLostError):
+            Graph(lambda: None, restore=lambda: None)
+        graph.replay()
