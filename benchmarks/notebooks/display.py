@@ -40,10 +40,15 @@ def results() -> pathlib.Path:
     return pathlib.Path(os.environ.get("BGN_RESULTS", ROOT / "results" / "published"))
 
 
-def read(preset: str | None = None) -> PooledEvidence:
-    """Read the results to show, under the preset that was asked for outside unless one is named here."""
-    chosen = preset or os.environ.get("BGN_PRESET") or None
-    return pooled.load(results(), preset=chosen, budget=os.environ.get("BGN_BUDGET") or None)
+def read(preset: str | None = None, *, rather: str | None = None) -> PooledEvidence:
+    """Read the results to show, under the preset that was asked for outside unless one is named here.
+
+    ``rather`` is the budget to show where none was asked for and that one is stored, under its own preset.
+    """
+    chosen, budget = preset or os.environ.get("BGN_PRESET") or None, os.environ.get("BGN_BUDGET") or None
+    if rather and not (chosen or budget) and _has(registry.load().preset_of(rather), rather):
+        budget = rather
+    return pooled.load(results(), preset=chosen, budget=budget)
 
 
 def read_presets() -> dict[str, PooledEvidence]:
@@ -204,24 +209,26 @@ def missing_presets(read: Mapping[str, PooledEvidence]) -> None:
 
 
 def costs() -> None:
-    """Show core-hours, steps and steps per CPU second of everything stored, by budget and preset."""
+    """Show core-hours, steps and steps per CPU second of everything stored, by budget, preset and device."""
     rows = []
     for preset, budget in (
         pooled.stored(results())[["preset", "budget"]].drop_duplicates().itertuples(index=False)
     ):
-        runs = pooled.load(results(), preset=preset, budget=budget).runs
-        steps, seconds = sum(env_steps(runs)), runs["cpu_seconds"].sum()
-        rows.append(
-            {
-                "preset": preset,
-                "budget": budget,
-                "runs": len(runs),
-                "million steps": f"{steps / 1e6:,.1f}",
-                "core-hours": f"{seconds / 3600:,.2f}",
-                "steps per CPU second": f"{steps / seconds:,.0f}",
-                "machines": ", ".join(sorted(set(runs["machine"]))),
-            }
-        )
+        for device, runs in pooled.load(results(), preset=preset, budget=budget).runs.groupby("device"):
+            steps, seconds = sum(env_steps(runs)), runs["cpu_seconds"].sum()
+            shared = device != "cpu"  # what one run of many took of a GPU is not known
+            rows.append(
+                {
+                    "preset": preset,
+                    "budget": budget,
+                    "device": device,
+                    "runs": len(runs),
+                    "million steps": f"{steps / 1e6:,.1f}",
+                    "core-hours": "–" if shared else f"{seconds / 3600:,.2f}",
+                    "steps per CPU second": "–" if shared else f"{steps / seconds:,.0f}",
+                    "machines": ", ".join(sorted(set(runs["machine"]))),
+                }
+            )
     frame(pd.DataFrame(rows))
 
 

@@ -30,7 +30,8 @@ def numbers(evidence: Evidence) -> str:
     }
     parts = [f"{counts[v.value]} {text}" for v, text in rest.items() if v.value in counts]
     tail = f"; {', '.join(parts)}" if parts else ""
-    return f"Of the paper's 20 numbers {len(cells)} are stored here and {same} are reproduced{tail}."
+    are = "is" if same == 1 else "are"
+    return f"Of the paper's 20 numbers {len(cells)} are stored here and {same} {are} reproduced{tail}."
 
 
 def claims_verdicts(claims: pd.DataFrame, notebook: str | None = None) -> str:
@@ -102,12 +103,21 @@ def cost(runs: pd.DataFrame) -> str:
     """Say what the stored runs took."""
     if runs.empty:
         return "No run is stored."
-    hours, steps = runs["cpu_seconds"].sum() / 3600, _total_steps(runs)
-    rate = steps / runs["cpu_seconds"].sum()
-    return (
-        f"The {len(runs)} runs shown took {hours:.1f} core-hours for {steps / 1e6:,.1f} million environment steps: "
-        f"{rate:,.0f} steps per CPU second."
-    )
+    on_cpu = runs["device"] == "cpu"
+    said = []
+    if on_cpu.any():
+        seconds, steps = runs.loc[on_cpu, "cpu_seconds"].sum(), _total_steps(runs[on_cpu])
+        said.append(
+            f"{on_cpu.sum()} runs shown took {seconds / 3600:.1f} core-hours for {steps / 1e6:,.1f} million "
+            f"environment steps: {steps / seconds:,.0f} steps per CPU second."
+        )
+    if not on_cpu.all():
+        steps = _total_steps(runs[~on_cpu])
+        said.append(
+            f"{(~on_cpu).sum()} runs of {steps / 1e6:,.1f} million steps were trained on a GPU, which cells share: "
+            "docs/performance.md has its speed."
+        )
+    return " ".join(said)
 
 
 _COUNTED = {

@@ -25,7 +25,9 @@ def environment(device: str = "cpu") -> Mapping[str, str | bool | None]:
     recorded: dict[str, str | bool | None] = {
         "git_commit": commit,
         "git_dirty": dirty,
-        "machine": ", ".join([f"{platform.system()} {platform.machine()}", processor(), *_accelerators(device)]),
+        "machine": ", ".join(
+            [f"{platform.system()} {platform.machine()}", processor(), *_accelerators(device)]
+        ),
         "version_python": platform.python_version(),
     }
     return recorded | {f"version_{name}": _version(name) for name in _RECORDED_VERSIONS}

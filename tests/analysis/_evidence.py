@@ -50,7 +50,7 @@ def run(
     return (
         row
         | about
-        | {"spec": spec, "older": False, "cpu_seconds": 1.0, "env_steps_per_second": 9.0}
+        | {"spec": spec, "older": False, "device": "cpu", "cpu_seconds": 1.0, "env_steps_per_second": 9.0}
         | metrics
     )
 

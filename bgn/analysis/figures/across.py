@@ -187,8 +187,8 @@ def openings(scores: Scores, titles: Mapping[str, str], policies: Mapping[str, s
 
 
 def cost(scores: Scores, titles: Mapping[str, str]) -> Figure:
-    """Return CPU seconds per run and training steps per second, by domain and agent."""
-    runs = scores.runs
+    """Return CPU seconds per run and training steps per second, by domain and agent, of runs trained on a CPU."""
+    runs = scores.runs[scores.runs["device"] == "cpu"]
     if runs.empty:
         return style.nothing(_NONE)
     domains = [domain for domain in scores.domains if domain.id in set(runs["domain"])]
@@ -196,7 +196,7 @@ def cost(scores: Scores, titles: Mapping[str, str]) -> Figure:
     for axes, column in ((seconds, "cpu_seconds"), (speed, "env_steps_per_second")):
         for row, domain in enumerate(domains):
             for agent in titles:
-                cell = scores.cell_runs((domain.id, agent))
+                cell = runs[(runs["domain"] == domain.id) & (runs["agent"] == agent)]
                 if len(cell):
                     axes.plot(
                         cell[column].mean(),
