@@ -16,7 +16,10 @@ def test_the_cost_of_runs_on_cpus_and_on_a_gpu_is_told_apart() -> None:
     on_cpus = (
         "2 runs shown took 0.0 core-hours for 1.0 million environment steps: 13,889 steps per CPU second."
     )
-    on_a_gpu = "3 runs of 1.5 million steps were trained on a GPU, which cells share: docs/performance.md has its speed."
+    on_a_gpu = (
+        "3 runs of 1.5 million steps were trained on a GPU, which cells share: "
+        "docs/performance.md has its speed."
+    )
     assert answers.cost(runs(cpu=2)) == on_cpus
     assert answers.cost(runs(cuda=3)) == on_a_gpu
     assert answers.cost(runs(cpu=2, cuda=3)) == f"{on_cpus} {on_a_gpu}"

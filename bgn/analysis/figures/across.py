@@ -188,7 +188,9 @@ def openings(scores: Scores, titles: Mapping[str, str], policies: Mapping[str, s
 
 def cost(scores: Scores, titles: Mapping[str, str]) -> Figure:
     """Return CPU seconds per run and training steps per second, by domain and agent, of runs trained on a CPU."""
-    runs = scores.runs[scores.runs["device"] == "cpu"]
+    runs = scores.runs
+    if len(runs):
+        runs = runs[runs["device"] == "cpu"]
     if runs.empty:
         return style.nothing(_NONE)
     domains = [domain for domain in scores.domains if domain.id in set(runs["domain"])]
