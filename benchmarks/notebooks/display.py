@@ -2,7 +2,7 @@
 
 Which results are read is said outside of the notebook, so that it shows any store: ``BGN_RESULTS`` (a folder, by
 default ``results/published``), ``BGN_PRESET`` and ``BGN_BUDGET`` (by default the registry's preset, and for each domain
-the budget that trained it longest).
+the longest budget of most agents).
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import html
 import io
+import itertools
 import os
 import pathlib
 from collections.abc import Mapping, Sequence
@@ -20,7 +21,7 @@ from matplotlib.figure import Figure
 from PIL import Image as Pillow
 
 from benchmarks import pooled, registry
-from benchmarks.evidence import StoredEvidence
+from benchmarks.evidence import StoredEvidence, load
 from benchmarks.pooled import PooledEvidence
 from bgn.analysis import presets
 from bgn.analysis import recordings as robot_recordings
@@ -150,7 +151,10 @@ def overview() -> None:
 
 
 def film_strip(evidence: PooledEvidence, domain: str, agent: str, seed: int = 3) -> None:
-    """Show an episode in physics of the first stored policy of a cell: scene, reconstructed belief, exact belief."""
+    """Show an episode in physics of the first stored policy of a cell: scene, reconstructed belief, exact belief.
+
+    Where the evidence has none, one of another budget or preset is shown, and named.
+    """
     _strip(evidence, domain, agent, seed, scene=True)
 
 
@@ -162,20 +166,33 @@ def beliefs(evidence: PooledEvidence, domain: str, agent: str, seed: int = 3) ->
 def _strip(evidence: PooledEvidence, domain: str, agent: str, seed: int, *, scene: bool) -> None:
     from bgn.pictures import film  # imported here because MuJoCo takes a second, and most pages do without
 
-    runs = [run for run in evidence.policies() if run.startswith(f"{domain}/{agent}/")]
-    if not runs:
+    found = _first_policy(evidence, f"{domain}/{agent}/")
+    if found is None:
         display(
             Markdown(f"*No policy of {domain}/{agent} is stored: train with `--budget paper` to see it act.*")
         )
         return
-    policy = evidence.policy(runs[0])
+    source, run = found
+    policy = source.policy(run)
     recorded = (
         film.record_if_possible(policy.domain, policy, seed)
         if scene
         else film.record(policy.domain, policy, seed, scene=False)
     )
     picture(film.strip(recorded))
-    print(f"{runs[0]}, greedy, episode {seed}")
+    print(f"{run} of {source.budget}/{source.preset}, greedy, episode {seed}")
+
+
+def _first_policy(evidence: PooledEvidence, cell: str) -> tuple[StoredEvidence, str] | None:
+    """Return where the first policy of a cell lies, and its run: in the evidence or, for want of one, elsewhere."""
+    there = pooled.stored(results())
+    others = there[there["domain"] == cell.partition("/")[0]][["budget", "preset"]].itertuples(index=False)
+    places = (load(results(), budget=budget, preset=preset) for budget, preset in others)
+    for source in itertools.chain(evidence.parts.values(), places):
+        runs = [run for run in source.policies() if run.startswith(cell)]
+        if runs:
+            return source, runs[0]
+    return None
 
 
 def by_preset(domains: Sequence[str], quantity: str) -> None:
