@@ -49,7 +49,7 @@ AGENTS: MappingProxyType[str, AgentSpec] = MappingProxyType({spec.id: spec for s
 
 
 def agent(agent_id: str) -> AgentSpec:
-    """Look an agent up; an unknown id raises a ``KeyError`` that lists the known ones."""
+    """Look an agent up; an unknown id raises an :class:`InputError` that lists the known ones."""
     if agent_id not in AGENTS:
         raise InputError(f"unknown agent {agent_id!r}; known: {', '.join(AGENTS)}")
     return AGENTS[agent_id]

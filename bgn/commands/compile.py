@@ -13,6 +13,7 @@ from rich.progress import track
 
 from bgn.commands.parsing import Commands, check_robot_domain, robot_domains
 from bgn.domains import outcome_table
+from bgn.errors import InputError
 
 if TYPE_CHECKING:
     from bgn.physics.compile import Column
@@ -40,6 +41,8 @@ def _compile(options: argparse.Namespace) -> int:
     from bgn.physics import compile as compiler
     from bgn.physics.tasks import task_of
 
+    if options.jobs < 1:
+        raise InputError(f"--jobs {options.jobs}: expected at least 1 process")
     chosen = options.domains or robot_domains()
     for name in chosen:
         check_robot_domain(name)

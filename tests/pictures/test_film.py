@@ -105,6 +105,7 @@ def test_render_command(small, tmp_path, capsys):
         (["render", "top-plate", "--out", "film.txt"], "film.txt: a film is a .gif file"),
         (["compile", "hallway"], "'hallway' is not a robot domain"),
         (["compile", "top-plate", "--histories", "0", "--force"], "histories >= 1, not 0"),
+        (["compile", "top-plate", "--jobs", "0"], "--jobs 0: expected at least 1 process"),
     ],
 )
 def test_commands_explain_bad_input(arguments, message, capsys):
