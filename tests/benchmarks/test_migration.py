@@ -62,7 +62,7 @@ class FakeFormer:
 def results(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> pathlib.Path:
     """Two runs and two reference rows that were stored under another code hash."""
     clean = {**provenance.environment(), "git_commit": COMMIT, "git_dirty": False}
-    monkeypatch.setattr(provenance, "environment", lambda: clean)
+    monkeypatch.setattr(provenance, "environment", lambda device="cpu": clean)
     with monkeypatch.context() as patch:
         patch.setattr("bgn.results.provenance.code_hash", lambda *_, **__: "former")
         fakes.fill(tmp_path, fakes.WORKING, domain="hallway", agent="ah-ch", reference="random")

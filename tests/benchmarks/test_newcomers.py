@@ -31,6 +31,8 @@ CELLS = [
     ("example-coin", "example-as-cs"),
 ]
 
+PRESET = registry.load().defaults.preset
+
 
 @pytest.fixture(scope="module")
 def added(tmp_path_factory: pytest.TempPathFactory) -> Iterator[pathlib.Path]:
@@ -47,7 +49,7 @@ def results(added: pathlib.Path) -> pathlib.Path:
     selection = Selection(
         benchmark,
         "tiny",
-        "calibrated",
+        PRESET,
         ("example-tiger", "example-coin"),
         names,
         ("random", "sarsop"),
@@ -85,7 +87,7 @@ def test_tables_show_them(
         assert "Tiger" in table
         assert "Coin" in table
         assert "As-Cs" in table or title == "Reference policies"
-    stored = pd.read_parquet(results / "tiny" / "calibrated" / "tables" / "normalised.parquet")
+    stored = pd.read_parquet(results / "tiny" / PRESET / "tables" / "normalised.parquet")
     ours = stored[stored["agent"] == "example-as-cs"]
     assert ours["mean"].notna().all()  # on the scale of our own reference rows
     assert not ours["borrowed"].any()
@@ -148,7 +150,7 @@ def test_workers_know_domains_of_files(
     ]
     command = ["run", "--registry", str(path), "--results", str(tmp_path / "results"), *chosen]
     assert main(command) == 0
-    runs = Store(tmp_path / "results" / "tiny" / "calibrated").read("runs")
+    runs = Store(tmp_path / "results" / "tiny" / PRESET).read("runs")
     assert list(runs["run"]) == ["example-tiger/ah-ch/seed-0"]
     assert list(runs["data_hash"]) == [data_hash(domains.get("example-tiger"))]
     assert main(command, work=fakes.BREAKING) == 0  # nothing is left to do
@@ -173,7 +175,7 @@ def test_a_domain_outside_a_budget(
     )
     assert "choose of example-tiger, example-coin" in said
     with pytest.raises(RegistryError, match="does not include"):
-        registry.load(added).cell("example-tiger", "ah-ch", budget="laptop", preset="calibrated")
+        registry.load(added).cell("example-tiger", "ah-ch", budget="laptop", preset=PRESET)
 
 
 @pytest.mark.parametrize(

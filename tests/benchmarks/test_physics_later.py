@@ -80,6 +80,7 @@ def test_a_machine_without_mujoco_keeps_the_result_and_says_what_is_missing(
     tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "get_device_name", lambda _: "a GPU")
     store = selection().store(tmp_path)
     trained(store, fakes.WORKING)
     assert main(["run", "--results", str(tmp_path), *CHOSEN], work=fakes.WORKING) == 1

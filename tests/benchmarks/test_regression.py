@@ -131,7 +131,7 @@ def test_what_cannot_be_told(reference: pathlib.Path, tmp_path: pathlib.Path, ca
             ["--agent", "ab-cb"],
             "no stored cell is among those asked for; stored at regress: hallway/ah-ch+bgn",
         ),
-        (["--budget", "paper"], "holds no results of paper/calibrated"),
+        (["--budget", "paper"], "holds no results of paper/reproduction"),
     ],
 )
 def test_wrong_usage(reference: pathlib.Path, more: list[str], message: str, capsys: Capture) -> None:
