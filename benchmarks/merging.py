@@ -7,6 +7,7 @@ import pathlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from benchmarks.superfluous import discard_attempts
 from bgn.results.atomic import write_bytes
 from bgn.results.comparison import differing_columns
 from bgn.results.quarantine import damage_of_run
@@ -92,6 +93,9 @@ def _merge_row(store: Store, target: Store, kind: Kind, run: str) -> tuple[Outco
         return Outcome.SAME, "it has succeeded since"
     for path in files:
         write_bytes(target.root / path.relative_to(store.root), path.read_bytes())
+    if not failed:
+        (row,) = read_shard(present).to_pylist()
+        discard_attempts(target, kind, run, row["key"])
     return Outcome.TAKEN, ""
 
 

@@ -41,6 +41,16 @@ def test_equal_settings_are_not_computed_twice(tmp_path: pathlib.Path) -> None:
         assert pq.read_table(ours.shard("curves", run)).equals(pq.read_table(theirs.shard("curves", run)))
 
 
+def test_a_checkpoint_of_what_is_taken_is_of_no_more_use(tmp_path: pathlib.Path) -> None:
+    theirs, ours = (Store(tmp_path / "smoke" / preset) for preset in ("authors-code", "calibrated"))
+    assert main(command(tmp_path, "authors-code", "hallway"), work=fakes.WORKING) == 0
+    checkpoint = ours.checkpoint("hallway/ah-ch", theirs.read("runs")["key"][0], (0, 1))
+    checkpoint.parent.mkdir(parents=True)
+    checkpoint.touch()
+    assert main(command(tmp_path, "calibrated", "hallway"), work=fakes.BREAKING) == 0
+    assert not checkpoint.exists()
+
+
 def test_where_it_was_computed_is_kept_when_taken_again(tmp_path: pathlib.Path) -> None:
     for preset in ("calibrated", "authors-code", "orthogonal-start"):  # all the authors' code in this domain
         work = fakes.WORKING if preset == "calibrated" else fakes.BREAKING
