@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import pathlib
 from collections.abc import Iterator, Set
@@ -58,6 +59,14 @@ def is_torn(name: str) -> bool:
 def assert_untouched(before: Files, after: Files) -> None:
     """Fail if a file that was finished before is gone or was written again."""
     assert {path: after.get(path) for path in before} == before
+
+
+def assert_unlocked(store: Store) -> None:
+    """Fail if a process still keeps others from writing."""
+    lock = store.root / ".work" / "lock"
+    if lock.exists():
+        with lock.open() as handle:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def assert_same_results(store: Store, other: Store) -> None:
