@@ -7,9 +7,10 @@ import pathlib
 
 import pytest
 
+from bgn.results.store import Store
 from tests.benchmarks import fakes
 from tests.crash.holdings import Holdings, assert_nothing_piles_up
-from tests.crash.stores import assert_untouched, done, finished, strays
+from tests.crash.stores import assert_unlocked, assert_untouched, done, finished, strays
 
 STRAYS = (
     "runs/hallway/ab-cb/.seed-0.parquet.7.partial",
@@ -47,6 +48,14 @@ def test_what_is_written_again_is_not_untouched(kind: str, tmp_path: pathlib.Pat
     copy.replace(path)
     with pytest.raises(AssertionError):
         assert_untouched(before, finished(store))
+
+
+def test_a_lock_that_is_held(tmp_path: pathlib.Path) -> None:
+    store = Store(tmp_path)
+    assert_unlocked(store)
+    with store.lock(), pytest.raises(BlockingIOError):
+        assert_unlocked(store)
+    assert_unlocked(store)
 
 
 @pytest.mark.parametrize("leak", [(1.0, 0, 0, 0), (0.0, 1, 0, 0), (0.0, 0, 1, 0), (0.0, 0, 0, 1)])
