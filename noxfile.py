@@ -46,8 +46,11 @@ def tests(session: nox.Session) -> None:
 
 @nox.session(venv_backend="none")
 def torture(session: nox.Session) -> None:
-    """Kill, damage and soak for an hour or so; ``-- --soak SECONDS`` (300), or pytest's arguments."""
-    run(session, "pytest", "--torture", "-s", "tests/hostile", "tests/crash", *session.posargs)
+    """Kill and damage, then soak for an hour; ``-- --soak SECONDS`` (3600), ``--soak-seed``, or pytest's arguments."""
+    crash = sorted(
+        (ROOT / "tests" / "crash").glob("test_*.py"), key=lambda path: (path.stem == "test_soak", path)
+    )
+    run(session, "pytest", "--torture", "-s", "tests/hostile", *map(str, crash), *session.posargs)
 
 
 @nox.session(venv_backend="none")

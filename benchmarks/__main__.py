@@ -25,6 +25,7 @@ from benchmarks.executors.sites import SchedulerLostError
 from benchmarks.plan import Selection, State
 from benchmarks.registry import Registry
 from benchmarks.signals import Stopped, stoppable
+from benchmarks.superfluous import discard_attempts
 from benchmarks.tasks import CellTask, ReferenceTask, Task, Work
 from bgn.errors import BgnError
 from bgn.results import quarantine
@@ -86,6 +87,8 @@ def _run(selection: Selection, options: argparse.Namespace, work: Work, console:
         for damage in quarantine.sweep(store):
             print(f"{damage}; its run is computed anew", file=sys.stderr)
         found = plan.statuses(requests, store)
+        for request in [s.request for s in found if s.state is State.CURRENT]:
+            discard_attempts(store, request.kind, request.run, request.origin.key)
         missing = [s.request for s in found if s.state not in (State.CURRENT, State.INCOMPLETE)]
         adopted = adoption.adopt(missing, store, options.results)
         missing = [request for request in missing if request not in adopted]
@@ -103,8 +106,7 @@ def _run(selection: Selection, options: argparse.Namespace, work: Work, console:
             _show(tasks, processes.run_tasks(tasks, jobs=options.jobs, work=work, tick=_TICK), clock, console)
         if clock.is_up():
             print("time is up; the same command goes on from here", file=sys.stderr)
-    statuses = plan.statuses(requests, store)
-    with writing_to(store.root):
+        statuses = plan.statuses(requests, store)
         report.show_tables(selection, store, console, write=True)
     if all(status.state is State.CURRENT for status in statuses):
         return 0
@@ -204,7 +206,8 @@ def _show_status(selection: Selection, options: argparse.Namespace, console: Con
 
 def _show_tables(selection: Selection, options: argparse.Namespace, console: Console) -> int:
     store = selection.store(options.results)
-    with writing_to(store.root):
+    writes = options.write and store.root.is_dir()
+    with store.lock() if writes else contextlib.nullcontext(), writing_to(store.root):
         report.show_tables(
             selection,
             store,

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 import pyarrow as pa
 
 from benchmarks.plan import Request
+from benchmarks.superfluous import discard_attempts
 from bgn.results import schema
 from bgn.results.atomic import write_bytes
 from bgn.results.quarantine import damage_of_run
@@ -42,6 +43,7 @@ def _adopt(request: Request, store: Store, others: Sequence[Store]) -> bool:
         row = read_shard(shard)
         if row["status"].to_pylist() == ["ok"] and row["key"].to_pylist() == [request.origin.key]:
             _copy(request, row, other, store)
+            discard_attempts(store, request.kind, request.run, request.origin.key)
             return True
     return False
 

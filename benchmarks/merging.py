@@ -7,6 +7,7 @@ import pathlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from benchmarks.superfluous import discard_attempts
 from bgn.results.atomic import write_bytes
 from bgn.results.comparison import differing_columns
 from bgn.results.quarantine import damage_of_run
@@ -94,6 +95,9 @@ def _merge_row(store: Store, target: Store, kind: Kind, run: str) -> tuple[Outco
     if failed and target.shard(kind, run.removesuffix(".failed")).exists():
         return Outcome.SAME, "it has succeeded since"
     _copy(files, store, target)
+    if not failed:
+        (row,) = read_shard(present).to_pylist()
+        discard_attempts(target, kind, run, row["key"])
     return Outcome.TAKEN, ""
 
 

@@ -20,7 +20,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--torture", action="store_true", help="many more damaged files and kills (see tests/effort.py)"
     )
     parser.addoption(
-        "--soak", type=float, default=300.0, metavar="SECONDS", help="how long the soak of torture goes on"
+        "--soak", type=float, default=3600.0, metavar="SECONDS", help="how long the soak of torture goes on"
+    )
+    parser.addoption(
+        "--soak-seed", type=int, metavar="SEED", help="draw what the soak does as it was drawn before"
     )
 
 

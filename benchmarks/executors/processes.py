@@ -20,8 +20,9 @@ from typing import Any
 
 from benchmarks.events import Advanced, Event, Finished, Idle, Started
 from benchmarks.executors import lifeline
+from benchmarks.executors.deaths import record_death
 from benchmarks.signals import held_back
-from benchmarks.tasks import Failure, PhysicsTask, ReferenceTask, Task, Work, execute, now, record_failure
+from benchmarks.tasks import Failure, PhysicsTask, ReferenceTask, Task, Work, execute, now
 from bgn.results.store import StoreError
 from bgn.training.cell import Interrupted, Progress
 
@@ -117,13 +118,11 @@ class Worker:
         return Finished(task, message)
 
     def died(self) -> Finished:
-        """Record that the process ended in the middle of its task."""
+        """Record that the process ended in the middle of its task; what it had stored stands."""
         assert self.task is not None
         self.process.join(_GRACE_SECONDS)
         error = f"the worker process died ({describe_exit(self.process.exitcode)})"
-        failure = Failure(error, "", self.started_at)
-        record_failure(self.task, failure)
-        return Finished(self.task, failure)
+        return Finished(self.task, record_death(self.task, Failure(error, "", self.started_at)))
 
     def ask_to_stop(self) -> None:
         """Ask the process to end: at its next report of progress, after writing a checkpoint."""

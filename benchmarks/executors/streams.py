@@ -24,10 +24,11 @@ from typing import Any
 
 from benchmarks.events import Advanced, Event, Finished, Idle, Started
 from benchmarks.executors import lifeline
+from benchmarks.executors.deaths import record_death, unstored
 from benchmarks.executors.processes import CONTEXT, ONE_THREAD, describe_exit, environment
 from benchmarks.signals import held_back
-from benchmarks.tasks import Failure, Task, Work, execute, now, record_failure
-from bgn.results.store import Store, StoreError, read_shard
+from benchmarks.tasks import Failure, Task, Work, execute, now
+from bgn.results.store import StoreError
 from bgn.training.cell import Interrupted, Progress
 
 #: Cells run on streams of their own; by default the driver would queue them all in eight.
@@ -72,30 +73,20 @@ def run_tasks(
             continue
         for task in process.running or left[:1]:
             deaths[task.name] += 1
-            stored = _is_stored(task)  # it may have had no time to say so
-            if not stored and deaths[task.name] < MAX_DEATHS:
+            if unstored(task) and deaths[task.name] < MAX_DEATHS:
                 continue
             left.remove(task)
             if task.name not in seen:  # no process came so far as to start anything
                 yield Started(task)
-            yield Finished(task, None if stored else _given_up(task, process))
+            yield Finished(task, _given_up(task, process))
 
 
-def _is_stored(task: Task) -> bool:
-    """Say whether all results of a task are there."""
-    shards = [Store(task.store).shard(task.kind, run) for run in task.runs]
-    if not all(shard.exists() for shard in shards):
-        return False
-    return all(read_shard(shard)["key"].to_pylist() == [task.origin.key] for shard in shards)
-
-
-def _given_up(task: Task, process: _Process) -> Failure:
+def _given_up(task: Task, process: _Process) -> Failure | None:
     why = describe_exit(process.exitcode)
     failure = Failure(
         f"the GPU's process died {MAX_DEATHS} times while it ran ({why})", "", process.started_at
     )
-    record_failure(task, failure)
-    return failure
+    return record_death(task, failure)
 
 
 class _Process:

@@ -110,6 +110,13 @@ def save_policy(path: pathlib.Path, spec: CellSpec, tensors: Mapping[str, object
     path.write_bytes(safetensors.numpy.save({}, metadata={"agent": spec.agent}))
 
 
+def die_between_two_results(path: pathlib.Path, spec: CellSpec, tensors: Mapping[str, object]) -> None:
+    """Store the first seed's policy; be killed while storing the second's."""
+    if "seed-1" in path.name:
+        os.kill(os.getpid(), signal.SIGKILL)
+    save_policy(path, spec, tensors)
+
+
 def evaluate_reference(spec: ReferenceSpec) -> dict[str, float]:
     value = {"random": -1.0, "sarsop": 1.0}.get(spec.reference, 0.5)
     return {"return": value, "return_se": 0.01, "return_sd": 0.3}
@@ -158,6 +165,7 @@ def _result(spec: CellSpec, seed: int, physics: bool) -> RunResult:
 WORKING = Work(train_cell, save_policy, evaluate_reference, evaluate_in_physics)
 SILENT = Work(train_cell, save_policy, say_nothing, evaluate_in_physics)
 HANGING = Work(hang_before_checkpoint, save_policy, evaluate_reference, evaluate_in_physics)  # type: ignore[arg-type]
+HALVING = Work(train_cell, die_between_two_results, evaluate_reference, evaluate_in_physics)
 BREAKING = Work(train_or_fail, save_policy, evaluate_reference, evaluate_in_physics)
 LOSING = Work(lose_the_device, save_policy, evaluate_reference, evaluate_in_physics)  # type: ignore[arg-type]
 FULL = Work(fill_the_disk, save_policy, evaluate_reference, evaluate_in_physics)

@@ -52,6 +52,16 @@ def test_what_was_measured_of_a_policy_comes_along(tmp_path: pathlib.Path) -> No
     assert taken.to_dict("list") == {"run": [run], "key": [key], "first_100_return": [0.5]}
 
 
+def test_a_checkpoint_of_what_is_taken_is_of_no_more_use(tmp_path: pathlib.Path) -> None:
+    theirs, ours = (Store(tmp_path / "smoke" / preset) for preset in ("authors-code", "calibrated"))
+    assert main(command(tmp_path, "authors-code", "hallway"), work=fakes.WORKING) == 0
+    checkpoint = ours.checkpoint("hallway/ah-ch", theirs.read("runs")["key"][0], (0, 1))
+    checkpoint.parent.mkdir(parents=True)
+    checkpoint.touch()
+    assert main(command(tmp_path, "calibrated", "hallway"), work=fakes.BREAKING) == 0
+    assert not checkpoint.exists()
+
+
 def test_where_it_was_computed_is_kept_when_taken_again(tmp_path: pathlib.Path) -> None:
     for preset in ("calibrated", "authors-code", "orthogonal-start"):  # all the authors' code in this domain
         work = fakes.WORKING if preset == "calibrated" else fakes.BREAKING

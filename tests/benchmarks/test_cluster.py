@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import pathlib
-from collections.abc import Iterator, Sequence
+import subprocess
+import time
+from collections.abc import Callable, Iterator, Sequence
 from types import SimpleNamespace
 
 import pandas as pd
@@ -17,7 +20,7 @@ from distributed.scheduler import KilledWorker
 
 from benchmarks import registry
 from benchmarks.__main__ import main
-from benchmarks.events import Advanced, Event, Finished, Restarted, Started
+from benchmarks.events import Advanced, Event, Finished, Idle, Restarted, Started
 from benchmarks.executors import cluster as executor
 from benchmarks.executors import sites
 from benchmarks.executors.packing import split
@@ -166,6 +169,57 @@ def test_a_lost_worker_is_replaced_by_another(tmp_path: pathlib.Path, cluster: C
     ]
     assert set(Store(tmp_path).read("runs")["status"]) == {"ok"}
     await_(lambda: not alive(child), "an end of the process whose worker was lost")
+
+
+def retire(site: Site, worker: subprocess.Popen[bytes]) -> None:
+    """Ask a worker to go as soon as nobody needs it, as a scheduler does that wants fewer of them."""
+    (address,) = (one for one, pid in site.client.run(os.getpid).items() if pid == worker.pid)
+    site.client.retire_workers([address], close_workers=False, remove=False)
+
+
+def terminate(site: Site, worker: subprocess.Popen[bytes]) -> None:
+    """Ask a worker to go as a batch system does when its time is up."""
+    worker.terminate()
+
+
+def losses(site: Site) -> int:
+    """Return how many lost workers the scheduler holds against what it has; it gives up at the fourth."""
+    return site.client.run_on_scheduler(
+        lambda dask_scheduler: sum(task.suspicious for task in dask_scheduler.tasks.values())
+    )
+
+
+@pytest.mark.parametrize(("ask_to_go", "allowed"), [(retire, 0), (terminate, 1)])
+def test_a_worker_that_is_asked_to_go_hands_its_cell_on(
+    ask_to_go: Callable[[Site, subprocess.Popen[bytes]], None],
+    allowed: int,
+    tmp_path: pathlib.Path,
+    cluster: Cluster,
+    site: Site,
+) -> None:
+    deadline = time.monotonic() + 30
+    children: list[int] = []
+    told: list[Event] = []
+    with contextlib.ExitStack() as at_last:
+        running = executor.run_tasks(tasks(tmp_path, ("ah-ch",)), site=site, work=fakes.HANGING, tick=0.1)
+        for event in at_last.enter_context(contextlib.closing(running)):
+            assert time.monotonic() < deadline, "nobody took the cell over"
+            if isinstance(event, Advanced) and not children:
+                children = checkpointed(tmp_path)
+                leaving = cluster.worker_of(*children)
+                at_last.callback(leaving.wait)
+                at_last.callback(leaving.kill)  # first, then it is waited for
+                ask_to_go(site, leaving)
+            if isinstance(event, Restarted):
+                assert losses(site) <= allowed
+            if not isinstance(event, Advanced | Idle):
+                told.append(event)
+        await_(lambda: not alive(*children), "an end of the process whose cell was handed on")
+    # The fake comes to an end only where it finds a checkpoint.
+    assert [type(event) for event in told] == [Started, Restarted, Finished]
+    assert isinstance(told[-1], Finished)
+    assert told[-1].failure is None
+    assert set(Store(tmp_path).read("runs")["status"]) == {"ok"}
 
 
 def test_a_lost_scheduler_ends_the_command_and_the_next_one_goes_on(

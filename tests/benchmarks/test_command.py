@@ -240,6 +240,29 @@ def test_reading_a_store_changes_nothing_in_it(tmp_path: pathlib.Path) -> None:
     assert sorted(tmp_path.rglob("*")) == before
 
 
+def test_a_checkpoint_that_outlived_its_run_is_removed(tmp_path: pathlib.Path) -> None:
+    """As after ``kill -9`` between a stack's last row and the end of its work."""
+    command = ["run", *smoke(tmp_path, "hallway", agents=["ab-cb"]), "--jobs", "1"]
+    assert main(command, work=fakes.WORKING) == 0
+    store = stored(tmp_path)
+    checkpoint = store.checkpoint("hallway/ab-cb", store.read("runs")["key"][0], (0, 1))
+    checkpoint.touch()
+    assert main(command, work=fakes.BREAKING) == 0
+    assert not checkpoint.exists()
+
+
+def test_tables_are_not_written_into_a_store_that_another_process_writes(
+    tmp_path: pathlib.Path, capsys: Capture
+) -> None:
+    selection = smoke(tmp_path, "hallway", agents=["ab-cb"])
+    assert main(["run", *selection, "--jobs", "1"], work=fakes.WORKING) == 0
+    tables = ["tables", "--results", str(tmp_path), "--budget", "smoke"]
+    with stored(tmp_path).lock():
+        assert main(tables) == 0
+        assert main([*tables, "--write"]) == 2
+    assert "is writing to" in capsys.readouterr().err
+
+
 def test_seeds() -> None:
     assert parse_seeds("0-3") == (0, 1, 2, 3)
     assert parse_seeds("7,0,2-3,2") == (0, 2, 3, 7)

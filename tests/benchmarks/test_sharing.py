@@ -79,6 +79,23 @@ def test_stores_of_two_machines_are_merged(
     assert capsys.readouterr().out == "3 there already, the same\n"
 
 
+@pytest.mark.parametrize("same", [True, False])
+def test_what_is_taken_takes_the_place_of_attempts_with_the_same_key(
+    same: bool, results: pathlib.Path, tmp_path: pathlib.Path
+) -> None:
+    into, run = tmp_path / "into", RUN.format(0)
+    row = read_shard(stored(results).shard("runs", run))
+    key = row["key"].to_pylist()[0] if same else "another"
+    at = row.column_names.index("key")
+    stored(into).write_failure("runs", run, row.set_column(at, "key", pa.array([key])))
+    checkpoint = stored(into).checkpoint("hallway/ab-cb", key, (0, 1))
+    checkpoint.parent.mkdir(parents=True)
+    checkpoint.touch()
+    assert main(["merge", str(results), "--into", str(into)]) == 0
+    failed = stored(into).shard("runs", f"{run}.failed")
+    assert (checkpoint.exists(), failed.exists()) == (not same, not same)
+
+
 def original_of(seed: int, results: pathlib.Path, other: pathlib.Path) -> pathlib.Path:
     return (results, other)[seed]
 

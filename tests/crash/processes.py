@@ -2,21 +2,31 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import pathlib
 import signal
+import subprocess
 import time
+from collections.abc import Iterator
 
 
 def children(pid: int) -> list[int]:
     """Return the worker processes of a parent (not multiprocessing's own resource tracker)."""
-    found = []
-    for entry in pathlib.Path("/proc").iterdir():
-        if entry.name.isdecimal() and _parent(entry) == pid:
-            with_arguments = _read(entry / "cmdline")
-            if "spawn_main" in with_arguments:
-                found.append(int(entry.name))
-    return found
+    found = [int(entry.name) for entry in _all() if _parent(entry) == pid]
+    return [one for one in found if "spawn_main" in _command(one)]
+
+
+def others(pid: int) -> list[int]:
+    """Return all running children of a process but for multiprocessing's own resource tracker."""
+    found = [int(entry.name) for entry in _all() if _parent(entry) == pid]
+    return [one for one in found if alive(one) and "resource_tracker" not in _command(one)]
+
+
+def marked(variable: str) -> list[int]:
+    """Return the running processes that were given an environment variable, such as ``NAME=value``."""
+    wanted = f"\0{variable}\0"
+    return [int(entry.name) for entry in _all() if wanted in f"\0{_read(entry / 'environ')}\0"]
 
 
 def alive(pid: int) -> bool:
@@ -33,12 +43,26 @@ def kill(pid: int) -> bool:
     return True
 
 
+def wait_until(process: subprocess.Popen[str], moment: float) -> None:
+    """Wait until a moment, but no longer than the process runs."""
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        process.wait(max(0.0, moment - time.monotonic()))
+
+
 def await_death(pids: list[int], seconds: float = 10.0) -> None:
     """Fail unless all are gone soon."""
     deadline = time.monotonic() + seconds
     while left := [pid for pid in pids if alive(pid)]:
         assert time.monotonic() < deadline, f"processes {left} outlived their parent"
         time.sleep(0.02)
+
+
+def _all() -> Iterator[pathlib.Path]:
+    return (entry for entry in pathlib.Path("/proc").iterdir() if entry.name.isdecimal())
+
+
+def _command(pid: int) -> str:
+    return _read(pathlib.Path("/proc") / str(pid) / "cmdline")
 
 
 def _parent(entry: pathlib.Path) -> int:

@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-import contextlib
 import pathlib
 import random
 import subprocess
 import time
 
-import pandas as pd
 import pytest
 
-from bgn.results import schema
-from bgn.results.comparison import TIMINGS
+from benchmarks.__main__ import main
 from bgn.results.store import Store
+from tests.benchmarks import fakes
+from tests.benchmarks.test_command import smoke
 from tests.crash import tiny
-from tests.crash.processes import await_death, children, kill
+from tests.crash.processes import await_death, children, kill, wait_until
+from tests.crash.stores import Files, assert_same_results, assert_untouched, finished, strays
 from tests.effort import effort
 
 KILLS = effort(20, 100)
-#: What says how a result came about, not what it is: all but the hashes of what determines it.
-PROVENANCE = {*schema.PROVENANCE} - {"key", "spec_hash", "code_hash", "data_hash", "spec"}
-
-Files = dict[pathlib.Path, tuple[int, int, bytes]]
 
 
 @pytest.fixture(scope="module")
@@ -38,37 +34,6 @@ def run_to_the_end(results: pathlib.Path) -> None:
     process = tiny.start(tiny.arguments(results))
     output = process.communicate(timeout=300)[0]
     assert process.returncode == 0, output
-
-
-def finished(store: Store) -> Files:
-    """Return the files of all finished runs and rows: inode, time of writing and content."""
-    rows = [path for kind in ("runs", "references") for path in (store.root / kind).rglob("[!.]*.parquet")]
-    paths = [path for path in rows if not path.name.endswith(".failed.parquet")]
-    for path in list(paths):
-        run = path.relative_to(store.root / path.relative_to(store.root).parts[0]).with_suffix("").as_posix()
-        paths += [one for one in (store.shard("curves", run), store.policy(run)) if one.exists()]
-    return {path: (path.stat().st_ino, path.stat().st_mtime_ns, path.read_bytes()) for path in paths}
-
-
-def assert_same_results(store: Store, other: Store) -> None:
-    for kind, key in (("runs", ["run"]), ("references", ["run"]), ("curves", ["run", "env_steps"])):
-        frames = []
-        for one in (store, other):
-            frame = one.read(kind)
-            assert "status" not in frame or set(frame["status"]) == {"ok"}
-            dropped = [*PROVENANCE, *TIMINGS]
-            frames.append(frame.drop(columns=dropped, errors="ignore").sort_values(key, ignore_index=True))
-        pd.testing.assert_frame_equal(*frames, check_exact=True)
-    runs = store.read("runs")["run"]
-    assert len(runs) == tiny.RUNS
-    for run in runs:
-        assert store.policy(run).read_bytes() == other.policy(run).read_bytes()
-
-
-def wait_until(process: subprocess.Popen[str], moment: float) -> None:
-    """Wait until a moment, but no longer than the process runs."""
-    with contextlib.suppress(subprocess.TimeoutExpired):
-        process.wait(max(0.0, moment - time.monotonic()))
 
 
 def disturb(process: subprocess.Popen[str], rng: random.Random, seconds: float) -> int:
@@ -91,6 +56,18 @@ def disturb(process: subprocess.Popen[str], rng: random.Random, seconds: float) 
     return kills
 
 
+def test_only_what_was_not_stored_has_failed_when_a_worker_dies(tmp_path: pathlib.Path) -> None:
+    command = ["run", *smoke(tmp_path, "hallway", agents=["ab-cb"]), "--jobs", "1"]
+    assert main(command, work=fakes.HALVING) == 1
+    store = tiny.store_of(tmp_path)
+    before = finished(store)
+    assert store.read("runs")[["seed", "status"]].to_numpy().tolist() == [[0, "ok"], [1, "failed"]]
+    assert main(command, work=fakes.WORKING) == 0
+    assert_untouched(before, finished(store))
+    assert set(store.read("runs")["status"]) == {"ok"}
+    assert not strays(store)
+
+
 def test_kills(whole: tuple[Store, float], tmp_path: pathlib.Path) -> None:
     reference, seconds = whole
     rng = random.Random(14)
@@ -102,15 +79,12 @@ def test_kills(whole: tuple[Store, float], tmp_path: pathlib.Path) -> None:
         while kills < KILLS and len(before) < len(finished(reference)):
             kills += disturb(tiny.start(tiny.arguments(results)), rng, seconds)
             after = finished(store)
-            assert {path: after.get(path) for path in before} == before
+            assert_untouched(before, after)
             before = after
         run_to_the_end(results)
-        after = finished(store)
-        assert {path: after.get(path) for path in before} == before
+        assert_untouched(before, finished(store))
         assert_same_results(store, reference)
-        assert not list(store.root.rglob("*.partial"))
-        assert not list(store.root.rglob("*.tmp"))
-        assert not list(store.root.rglob("*.checkpoint"))
-        assert not (store.root / "quarantine").exists()
+        assert len(store.read("runs")) == tiny.RUNS
+        assert not strays(store)
         round_ += 1
     print(f"{kills} kills, {round_} stores")

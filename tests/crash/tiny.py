@@ -10,6 +10,7 @@ from typing import Any
 
 from benchmarks import __main__ as command
 from benchmarks import registry
+from benchmarks.plan import Selection
 from benchmarks.registry import Registry
 from benchmarks.tasks import Work
 from bgn.results.store import Store
@@ -20,6 +21,10 @@ ROOT = pathlib.Path(__file__).parents[2]
 BUDGET = "smoke"
 CELLS = ["--domain", "hallway", "--agent", "ah-ch+bgn", "ab-cb", "--reference", "random"]
 RUNS = 2 * 2
+#: What the soak draws from, with all agents: a classic domain of each kind, and one with physics.
+DOMAINS = ("hallway", "rocksample-4-4", "top-plate")
+REFERENCES = ("random", "sarsop", "qmdp", "perfect")
+SEEDS = (0, 1)
 
 
 def tiny_registry() -> Registry:
@@ -56,6 +61,22 @@ def main() -> int:
 def arguments(results: pathlib.Path, *more: str) -> list[str]:
     """Return the arguments of a run of the few cells into a folder."""
     return ["run", "--results", str(results), "--budget", BUDGET, *CELLS, "--jobs", "2", *more]
+
+
+def universe() -> Selection:
+    """Return everything that the soak draws from."""
+    known = tiny_registry()
+    return Selection(
+        known, BUDGET, known.defaults.preset, DOMAINS, tuple(known.agents), REFERENCES, seeds=SEEDS
+    )
+
+
+def selecting(chosen: Selection, results: pathlib.Path) -> list[str]:
+    """Return the arguments of a run of a selection into a folder."""
+    names = {"--domain": chosen.domains, "--agent": chosen.agents, "--reference": chosen.references}
+    options = [word for option, some in names.items() if some for word in (option, *some)]
+    seeds = ",".join(map(str, chosen.seeds))
+    return ["run", "--results", str(results), "--budget", BUDGET, *options, "--seeds", seeds]
 
 
 def start(arguments: Sequence[str], **options: Any) -> subprocess.Popen[str]:
