@@ -17,7 +17,6 @@ from typing import Protocol
 
 import numpy as np
 import pandas as pd
-from scipy import stats
 
 from bgn.analysis import aggregate
 from bgn.analysis.aggregate import Array
@@ -28,6 +27,7 @@ from bgn.analysis.statistics import (
     equivalence_p,
     holm,
     mean_interval,
+    rank_sum_p,
     rate_interval,
     spearman,
     welch_p,
@@ -358,7 +358,7 @@ class LearnsFaster:
         return tuple(itertools.product(self.domains, (self.agent, self.other)))
 
     def judge(self, scores: Scores) -> Finding:
-        """Run one-sided Mann-Whitney tests on the steps; a run that never gets there counts as slowest."""
+        """Run exact one-sided Mann-Whitney tests on the steps; runs that never get there tie as slowest."""
         faster, slower = [], []
         for domain in self.domains:
             steps = [learning_steps(scores, (domain, agent)) for agent in (self.agent, self.other)]
@@ -367,8 +367,8 @@ class LearnsFaster:
             ):
                 continue
             ours, theirs = steps
-            faster.append(_rank_p(ours, theirs))
-            slower.append(_rank_p(theirs, ours))
+            faster.append(rank_sum_p(ours, theirs))
+            slower.append(rank_sum_p(theirs, ours))
         refuted = sum(p < SIGNIFICANCE for p in holm(slower, family=len(self.domains)))
         counts = f"faster in {sum(p < SIGNIFICANCE for p in faster)} of {len(self.domains)} domains"
         text = counts + (f", slower in {refuted}" if refuted else "")
@@ -533,15 +533,6 @@ def fall(curve: pd.DataFrame, column: str) -> float:
 
 def _falls(scores: Scores, cell: Cell) -> Sample:
     return Sample.of([fall(curve, scores.curve_column(cell[0])) for curve in scores.cell_curves(cell)])
-
-
-def _rank_p(lower: Sequence[float], higher: Sequence[float]) -> float:
-    """Return the exact one-sided Mann-Whitney p-value, infinities tied at the end."""
-    ranks = stats.rankdata([*lower, *higher])
-    a, b = ranks[: len(lower)], ranks[len(lower) :]
-    if np.ptp(ranks) == 0:
-        return 1.0
-    return float(stats.mannwhitneyu(a, b, alternative="less").pvalue)
 
 
 def _ready(scores: Scores, pairs: Iterable[Pair]) -> list[Pair]:
