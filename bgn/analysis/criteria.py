@@ -160,7 +160,10 @@ class MatchesIn:
         return tuple(itertools.product(self.domains, (self.agent, *self.others)))
 
     def judge(self, scores: Scores) -> Finding:
-        """Run non-inferiority tests; a domain with a significantly better other, and no match, is lost."""
+        """Run non-inferiority tests; a domain with a significantly better other, and no match, is lost.
+
+        Holm's correction spans the others of a domain: that several domains have to be lost guards against chance too.
+        """
         matched, lost = 0, 0
         for domain in self.domains:
             pairs = [((domain, self.agent), (domain, other)) for other in self.others]
@@ -250,7 +253,7 @@ class ComesClose:
         return tuple(itertools.product(self.domains, self.agents))
 
     def judge(self, scores: Scores) -> Finding:
-        """Compare Student's interval of the normalised mean with the share."""
+        """Compare Student's interval of the normalised mean, from the spread over seeds alone, with the share."""
         intervals: dict[Cell, tuple[float, float]] = {}
         for cell in self.cells:
             values = scores.normalised(cell, upper_start=CLEAN) if scores.ready(cell) else np.empty(0)
@@ -392,7 +395,7 @@ class RecoversHalf:
         return tuple(itertools.product(self.domains, (self.agent, self.lower, self.higher)))
 
     def judge(self, scores: Scores) -> Finding:
-        """Bootstrap the share of the summed gaps."""
+        """Bootstrap the share of the summed gaps; without a gap to close it is infinite, not about half."""
         lacking = _lacking(scores, self.cells)
         if lacking:
             return Finding(lacking, "")
@@ -450,7 +453,10 @@ class BeliefGoesWithScore:
         return tuple(itertools.product(self.domains, self.agents))
 
     def judge(self, scores: Scores) -> Finding:
-        """Rank runs within each domain by divergence and by score; Spearman's correlation of the ranks."""
+        """Rank runs within each domain by divergence and by score; Spearman's correlation of the ranks, two-sided.
+
+        Cells that cannot be judged are left out, and do not keep the rest from a verdict.
+        """
         kl, score = [], []
         for domain in self.domains:
             frames = [scores.cell_runs((domain, a)) for a in self.agents if scores.ready((domain, a))]
@@ -513,7 +519,10 @@ def learning_steps(scores: Scores, cell: Cell, share: float = aggregate.LEARNT) 
 
 
 def early_fall(curve: pd.DataFrame, rare: float) -> float:
-    """Return which share of the belief loss's fall happened before success first was more than rare."""
+    """Return which share of the belief loss's fall has happened by the point at which success first is more than rare.
+
+    NaN, and no part of the mean, for a run whose loss was not logged or does not fall, or whose success stays rare.
+    """
     if "belief_cross_entropy" not in curve:
         return math.nan
     loss = curve["belief_cross_entropy"].to_numpy(dtype=float)
