@@ -72,7 +72,7 @@ class PooledEvidence(StoredEvidence):
 def stored(results: str | pathlib.Path, registry: Registry | None = None) -> pd.DataFrame:
     """Return what a results folder holds: columns budget, preset, domain, agents, runs, env_steps.
 
-    One row per budget, preset and domain, in the registry's order; names that it does not know are left out.
+    One row per budget, preset and domain (in the registry's order); names that it does not know are left out.
     """
     registry = registries.load() if registry is None else registry
     rows = []
@@ -101,6 +101,8 @@ def load(
 ) -> PooledEvidence:
     """Read, for each domain, the longest runs of most agents of a preset (or those of one budget).
 
+    Of budgets that are equal in both, as `overnight` and `paper` are in two robot domains, the one with more runs.
+
     Raises
     ------
     EvidenceError
@@ -117,10 +119,11 @@ def load(
         raise EvidenceError(
             f"{results} holds no runs of {budget or 'any budget'}/{preset}; stored: {', '.join(have) or 'nothing'}"
         )
-    longest = chosen.sort_values(["agents", "env_steps"], kind="stable").groupby("domain").last()["budget"]
-    parts = {
-        b: evidence.load(results, budget=b, preset=preset, registry=registry) for b in set(chosen["budget"])
-    }
+    ranked = chosen.sort_values(["agents", "env_steps", "runs"], kind="stable")
+    longest = ranked.groupby("domain").last()["budget"]
+    # In a fixed order, which decides between reference rows of equally many episodes.
+    budgets = dict.fromkeys(chosen["budget"])
+    parts = {b: evidence.load(results, budget=b, preset=preset, registry=registry) for b in budgets}
     of_domain = {d: parts[longest[d]] for d in registry.domains if d in longest.index}
     return _pool(registry, preset, of_domain, list(parts.values()), _not_shown(chosen, longest))
 

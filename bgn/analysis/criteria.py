@@ -17,7 +17,6 @@ from typing import Protocol
 
 import numpy as np
 import pandas as pd
-from scipy import stats
 
 from bgn.analysis import aggregate
 from bgn.analysis.aggregate import Array
@@ -28,6 +27,7 @@ from bgn.analysis.statistics import (
     equivalence_p,
     holm,
     mean_interval,
+    rank_sum_p,
     rate_interval,
     spearman,
     welch_p,
@@ -160,7 +160,10 @@ class MatchesIn:
         return tuple(itertools.product(self.domains, (self.agent, *self.others)))
 
     def judge(self, scores: Scores) -> Finding:
-        """Run non-inferiority tests; a domain with a significantly better other, and no match, is lost."""
+        """Run non-inferiority tests; a domain with a significantly better other, and no match, is lost.
+
+        Holm's correction spans the others of a domain: that several domains have to be lost guards against chance too.
+        """
         matched, lost = 0, 0
         for domain in self.domains:
             pairs = [((domain, self.agent), (domain, other)) for other in self.others]
@@ -250,7 +253,7 @@ class ComesClose:
         return tuple(itertools.product(self.domains, self.agents))
 
     def judge(self, scores: Scores) -> Finding:
-        """Compare Student's interval of the normalised mean with the share."""
+        """Compare Student's interval of the normalised mean, from the spread over seeds alone, with the share."""
         intervals: dict[Cell, tuple[float, float]] = {}
         for cell in self.cells:
             values = scores.normalised(cell, upper_start=CLEAN) if scores.ready(cell) else np.empty(0)
@@ -358,7 +361,7 @@ class LearnsFaster:
         return tuple(itertools.product(self.domains, (self.agent, self.other)))
 
     def judge(self, scores: Scores) -> Finding:
-        """Run one-sided Mann-Whitney tests on the steps; a run that never gets there counts as slowest."""
+        """Run exact one-sided Mann-Whitney tests on the steps; runs that never get there tie as slowest."""
         faster, slower = [], []
         for domain in self.domains:
             steps = [learning_steps(scores, (domain, agent)) for agent in (self.agent, self.other)]
@@ -367,8 +370,8 @@ class LearnsFaster:
             ):
                 continue
             ours, theirs = steps
-            faster.append(_rank_p(ours, theirs))
-            slower.append(_rank_p(theirs, ours))
+            faster.append(rank_sum_p(ours, theirs))
+            slower.append(rank_sum_p(theirs, ours))
         refuted = sum(p < SIGNIFICANCE for p in holm(slower, family=len(self.domains)))
         counts = f"faster in {sum(p < SIGNIFICANCE for p in faster)} of {len(self.domains)} domains"
         text = counts + (f", slower in {refuted}" if refuted else "")
@@ -392,7 +395,7 @@ class RecoversHalf:
         return tuple(itertools.product(self.domains, (self.agent, self.lower, self.higher)))
 
     def judge(self, scores: Scores) -> Finding:
-        """Bootstrap the share of the summed gaps."""
+        """Bootstrap the share of the summed gaps; without a gap to close it is infinite, not about half."""
         lacking = _lacking(scores, self.cells)
         if lacking:
             return Finding(lacking, "")
@@ -450,7 +453,10 @@ class BeliefGoesWithScore:
         return tuple(itertools.product(self.domains, self.agents))
 
     def judge(self, scores: Scores) -> Finding:
-        """Rank runs within each domain by divergence and by score; Spearman's correlation of the ranks."""
+        """Rank runs within each domain by divergence and by score; Spearman's correlation of the ranks, two-sided.
+
+        Cells that cannot be judged are left out, and do not keep the rest from a verdict.
+        """
         kl, score = [], []
         for domain in self.domains:
             frames = [scores.cell_runs((domain, a)) for a in self.agents if scores.ready((domain, a))]
@@ -513,7 +519,10 @@ def learning_steps(scores: Scores, cell: Cell, share: float = aggregate.LEARNT) 
 
 
 def early_fall(curve: pd.DataFrame, rare: float) -> float:
-    """Return which share of the belief loss's fall happened before success first was more than rare."""
+    """Return which share of the belief loss's fall has happened by the point at which success first is more than rare.
+
+    NaN, and no part of the mean, for a run whose loss was not logged or does not fall, or whose success stays rare.
+    """
     if "belief_cross_entropy" not in curve:
         return math.nan
     loss = curve["belief_cross_entropy"].to_numpy(dtype=float)
@@ -533,15 +542,6 @@ def fall(curve: pd.DataFrame, column: str) -> float:
 
 def _falls(scores: Scores, cell: Cell) -> Sample:
     return Sample.of([fall(curve, scores.curve_column(cell[0])) for curve in scores.cell_curves(cell)])
-
-
-def _rank_p(lower: Sequence[float], higher: Sequence[float]) -> float:
-    """Return the exact one-sided Mann-Whitney p-value, infinities tied at the end."""
-    ranks = stats.rankdata([*lower, *higher])
-    a, b = ranks[: len(lower)], ranks[len(lower) :]
-    if np.ptp(ranks) == 0:
-        return 1.0
-    return float(stats.mannwhitneyu(a, b, alternative="less").pvalue)
 
 
 def _ready(scores: Scores, pairs: Iterable[Pair]) -> list[Pair]:

@@ -160,3 +160,19 @@ def spearman(x: ArrayLike, y: ArrayLike) -> tuple[float, float]:
         return math.nan, math.nan
     result = stats.spearmanr(x, y)
     return float(result.statistic), float(result.pvalue)
+
+
+def rank_sum_p(lower: Sequence[float], higher: Sequence[float]) -> float:
+    """Return the exact one-sided p-value of the Mann-Whitney test that ``lower`` is lower; ties share their ranks.
+
+    Scipy's is exact only without ties and for up to eight values: of three runs against three that never get there, all
+    tied, it says .03, where no order of six values is rarer than 1 in 20.
+    """
+    ranks = stats.rankdata([*lower, *higher])
+    doubled = np.rint(2 * ranks).astype(int)  # whole numbers: shared ranks may be halves
+    observed, total = int(doubled[: len(lower)].sum()), int(doubled.sum())
+    ways = np.zeros((len(lower) + 1, total + 1))  # to choose so many of the ranks, by their sum
+    ways[0, 0] = 1
+    for rank in doubled:
+        ways[1:, rank:] += ways[:-1, : total + 1 - rank].copy()
+    return float(ways[-1, : observed + 1].sum() / ways[-1].sum())

@@ -16,6 +16,7 @@ from bgn.analysis.statistics import (
     equivalence_power,
     holm,
     prediction_interval,
+    rank_sum_p,
     rate_error,
     rate_interval,
     spearman,
@@ -89,6 +90,19 @@ def test_rate_interval_keeps_seeds_and_episodes_in_sight() -> None:
     # 300 of 300 in three seeds without any spread: Clopper-Pearson's .025^(1/300).
     assert rate_interval([1.0, 1.0, 1.0], [100] * 3) == pytest.approx((0.025 ** (1 / 300), 1.0))
     assert rate_interval([0.5], [1000]) == (0.0, 1.0)  # one seed says nothing of others
+
+
+def test_rank_sums_are_exact_with_ties_too() -> None:
+    # Of the 20 ways to choose three of six, one gives the three lowest, tied or not.
+    assert rank_sum_p([1, 2, 3], [4, 5, 6]) == pytest.approx(1 / 20)
+    assert rank_sum_p([1, 2, 3], [math.inf] * 3) == pytest.approx(1 / 20)
+    assert rank_sum_p([math.inf] * 3, [1, 2, 3]) == rank_sum_p([4, 4], [4, 4]) == 1
+    # Ranks 1, 2.5, 2.5 and 4: sums of two are 3.5, 3.5, 5, 5, 6.5 and 6.5.
+    assert rank_sum_p([1, 2], [2, 3]) == pytest.approx(2 / 6)
+    random = np.random.default_rng(0)
+    a, b = random.normal(size=10), random.normal(1, size=10)
+    exact = stats.mannwhitneyu(a, b, alternative="less", method="exact").pvalue
+    assert rank_sum_p(a.tolist(), b.tolist()) == pytest.approx(exact)
 
 
 def test_spearman() -> None:

@@ -76,6 +76,16 @@ def test_longer_runs_of_fewer_agents_are_named_but_not_shown(
     assert "Not shown: 2 longer runs of 1 agent in hallway, 0.11 M steps: `--budget laptop`." in found.remarks
 
 
+def test_of_equally_long_budgets_the_one_with_more_runs_is_shown(tmp_path: pathlib.Path) -> None:
+    common = ["run", "--preset", PRESET, "--results", str(tmp_path), "--jobs", "1", "--agent", "ah-ch"]
+    for budget, seeds in (("overnight", "0-2"), ("paper", "0-1")):
+        selected = ["--budget", budget, "--seeds", seeds, "--domain", "top-plate"]
+        assert main([*common, *selected], work=fakes.WORKING) == 0
+    overview = pooled.stored(tmp_path)
+    assert overview["env_steps"].nunique() == 1
+    assert dict(pooled.load(tmp_path).budgets) == {"top-plate": "overnight"}
+
+
 def test_one_budget_can_be_asked_for(results: pathlib.Path) -> None:
     found = pooled.load(results, budget="smoke")
     assert set(found.budgets.values()) == {"smoke"}

@@ -6,7 +6,6 @@ Nothing of the project's analysis is used: the rules are written out again here.
 from __future__ import annotations
 
 import json
-import pathlib
 
 import numpy as np
 import pandas as pd
@@ -16,24 +15,16 @@ import pytest
 from scipy import stats
 
 from benchmarks import pooled
-
-RESULTS = pathlib.Path(__file__).parents[2] / "results" / "published"
-METRICS = {"hallway": "greedy_return", "hallway-2": "greedy_return"}
-METRICS |= dict.fromkeys(("rocksample-4-4", "rocksample-5-5"), "sampled_return")
-METRICS |= dict.fromkeys(("top-plate", "two-bumps-1d", "two-bumps-2d"), "sampled_success")
-TOLERANCES = {"hallway": 0.05, "hallway-2": 0.05, "rocksample-4-4": 1.0, "rocksample-5-5": 1.0}
-AGENTS = ("ah-ch", "ah-ch+bgn", "ah-cs", "ab-cb", "ah-cb")
-TABLE_7 = {
-    "hallway": ((0.50, 0.02), (0.54, 0.01), (0.46, 0.08), (0.53, 0.04), (0.48, 0.03)),
-    "hallway-2": ((0.10, 0.02), (0.35, 0.01), (0.26, 0.02), (0.36, 0.01), (0.29, 0.02)),
-    "rocksample-4-4": ((7.79, 1.12), (14.14, 0.21), (6.73, 0.15), (13.94, 0.33), (6.1, 2.04)),
-    "rocksample-5-5": ((6.23, 0.35), (14.71, 0.5), (6.52, 0.09), (15.22, 0.52), (6.53, 0.08)),
-}
+from tests.benchmarks.published_rows import RESULTS
+from tests.benchmarks.published_stores import POOLED, stored
+from tests.benchmarks.recomputed_statistics import AGENTS, METRICS, TABLE_7, TOLERANCES, holm, sample
 
 
 @pytest.fixture(scope="module")
 def printed() -> pooled.PooledEvidence:
-    return pooled.load(RESULTS)
+    found = stored(POOLED)
+    assert isinstance(found, pooled.PooledEvidence)
+    return found
 
 
 @pytest.fixture(scope="module")
@@ -47,18 +38,6 @@ def runs(printed: pooled.PooledEvidence) -> dict[tuple[str, str], pd.DataFrame]:
             if tables:
                 found[domain, path.name] = pa.concat_tables(tables, promote_options="default").to_pandas()
     return found
-
-
-def sample(group: pd.DataFrame, metric: str) -> tuple[float, float, int]:
-    """Return mean, standard deviation (ddof 1, not below the error of a value) and number of seeds."""
-    values = group[metric].to_numpy()
-    if metric.endswith("success"):
-        n = np.array([json.loads(spec)["evaluation_episodes"] for spec in group["spec"]])
-        moved = (values * n + 0.5) / (n + 1)
-        errors = np.sqrt(moved * (1 - moved) / n)
-    else:
-        errors = group[f"{metric}_se"].to_numpy()
-    return values.mean(), max(values.std(ddof=1), np.sqrt((errors**2).mean())), len(values)
 
 
 def test_means_and_deviations(
@@ -126,15 +105,6 @@ def compare(ours: tuple[float, float, int], mean: float, sd: float, tolerance: f
     below = max(welch(m, d, tolerance, "less") for m, d in corners)
     above = max(welch(m, d, -tolerance, "greater") for m, d in corners)
     return differ, max(below, above)
-
-
-def holm(p_values: list[float], family: int) -> list[float]:
-    """Return Holm's p-values: the i-th smallest times (family - i), never falling."""
-    order = np.argsort(p_values)
-    steps = [min(1.0, p_values[index] * (family - rank)) for rank, index in enumerate(order)]
-    adjusted = np.empty(len(p_values))
-    adjusted[order] = np.maximum.accumulate(steps) if steps else []
-    return list(adjusted)
 
 
 def test_claims_of_the_robot_cells(
