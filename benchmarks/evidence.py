@@ -142,7 +142,8 @@ def load(
 
 def gather(registry: Registry, budget: str, preset: str, store: Store) -> StoredEvidence:
     """Read what a store holds, which may be nothing, and judge it."""
-    runs, references = _measured(_finished(store, "runs"), store), _finished(store, "references")
+    runs = _measured(_finished(store, "runs"), store)
+    references = reference_rows(registry, budget, preset, store)
     named_domains = _present(registry.domains, [*runs["domain"], *references["domain"]])
     named_agents = _present(registry.agents, runs["agent"])
     selection = Selection(
@@ -151,11 +152,11 @@ def gather(registry: Registry, budget: str, preset: str, store: Store) -> Stored
         preset=preset,
         domains=named_domains,
         agents=named_agents,
-        references=_present(registry.references, references["reference"]),
+        references=(),
         seeds=(0,),  # the key is that of the cell: the seed is no part of it
     )
     current = [request.origin.key for request in selection.requests()]
-    runs, references = (frame.assign(older=~frame["key"].isin(current)) for frame in (runs, references))
+    runs = runs.assign(older=~runs["key"].isin(current))
     rows = [domain_row(registry, domain) for domain in named_domains]
     return StoredEvidence(
         cells=cells.summarise(runs, rows, named_agents),
@@ -169,6 +170,23 @@ def gather(registry: Registry, budget: str, preset: str, store: Store) -> Stored
         preset=preset,
         store=store,
     )
+
+
+def reference_rows(registry: Registry, budget: str, preset: str, store: Store) -> pd.DataFrame:
+    """Return the finished reference rows of a store, with a column that says which are of older code or settings."""
+    rows = _finished(store, "references")
+    selection = Selection(
+        registry=registry,
+        budget=budget,
+        preset=preset,
+        domains=tuple(
+            d for d in _present(registry.domains, rows["domain"]) if d in registry.budget(budget).env_steps
+        ),
+        agents=(),
+        references=_present(registry.references, rows["reference"]),
+        seeds=(),
+    )
+    return rows.assign(older=~rows["key"].isin([request.origin.key for request in selection.requests()]))
 
 
 def _finished(store: Store, kind: schema.RowKind) -> pd.DataFrame:

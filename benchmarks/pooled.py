@@ -121,11 +121,12 @@ def load(
         )
     ranked = chosen.sort_values(["agents", "env_steps", "runs"], kind="stable")
     longest = ranked.groupby("domain").last()["budget"]
-    # In a fixed order, which decides between reference rows of equally many episodes.
-    budgets = dict.fromkeys(chosen["budget"])
-    parts = {b: evidence.load(results, budget=b, preset=preset, registry=registry) for b in budgets}
+    parts = {
+        b: evidence.load(results, budget=b, preset=preset, registry=registry) for b in dict.fromkeys(longest)
+    }
     of_domain = {d: parts[longest[d]] for d in registry.domains if d in longest.index}
-    return _pool(registry, preset, of_domain, list(parts.values()), _not_shown(chosen, longest))
+    references = _stored_references(results, registry)
+    return _pool(registry, preset, of_domain, references, _not_shown(chosen, longest))
 
 
 def _not_shown(stored: pd.DataFrame, chosen: pd.Series[str]) -> list[str]:
@@ -146,11 +147,11 @@ def _pool(
     registry: Registry,
     preset: str,
     parts: Mapping[str, StoredEvidence],
-    others: Sequence[StoredEvidence],
+    references: pd.DataFrame,
     not_shown: Sequence[str],
 ) -> PooledEvidence:
     runs = pd.concat([_of_domain(part.runs, domain) for domain, part in parts.items()], ignore_index=True)
-    references = pd.concat([_references(domain, [part, *others]) for domain, part in parts.items()])
+    chosen = [_references(domain, part, references) for domain, part in parts.items()]
     rows = [evidence.domain_row(registry, domain) for domain in parts]
     names = sorted({part.budget for part in parts.values()}, key=list(registry.budgets).index)
     remarks = [remark for part in {id(p): p for p in parts.values()}.values() for remark in part.remarks]
@@ -158,7 +159,7 @@ def _pool(
     return PooledEvidence(
         cells=cells.summarise(runs, rows, registry.agents),
         runs=runs,
-        references=references.reset_index(drop=True),
+        references=pd.concat(chosen, ignore_index=True),
         domains=rows,
         agent_titles={name: agent(name).title for name in registry.agents},
         reference_titles={name: entry.title for name, entry in registry.references.items()},
@@ -174,19 +175,28 @@ def _of_domain(frame: pd.DataFrame, domain: str) -> pd.DataFrame:
     return frame[frame["domain"] == domain]
 
 
-def _references(domain: str, parts: Sequence[StoredEvidence]) -> pd.DataFrame:
-    """Return a domain's reference rows: its own budget's, or where it has none those of the most episodes.
+def _stored_references(results: str | pathlib.Path, registry: Registry) -> pd.DataFrame:
+    """Return all stored reference rows, those of the present code and the most episodes first."""
+    frames = []
+    for budget in registry.budgets:
+        for preset in registry.presets:
+            store = Store(pathlib.Path(results) / budget / preset)
+            if (store.root / "references").is_dir():
+                frames.append(evidence.reference_rows(registry, budget, preset, store))
+    if not frames:
+        return pd.DataFrame(columns=["run", "domain", "older", "episodes"])
+    rows = pd.concat(frames, ignore_index=True)
+    rows["episodes"] = [int(json.loads(spec)["episodes"]) for spec in rows["spec"]]
+    return rows.sort_values(["older", "episodes"], ascending=[True, False], kind="stable")
 
-    They are not trained, so that what a budget decides of them is only how exactly they are known.
+
+def _references(domain: str, own: StoredEvidence, stored: pd.DataFrame) -> pd.DataFrame:
+    """Return a domain's reference rows: its own budget's, and for what that lacks the best of all that are stored.
+
+    They are not trained and know no preset, so that what a budget decides of them is only how exactly they are known.
     """
-    frames = [_of_domain(part.references, domain) for part in parts]
-    if len(frames[0]):
-        return frames[0]
-    return max(frames, key=lambda frame: _episodes(frame))
-
-
-def _episodes(references: pd.DataFrame) -> int:
-    return max((int(json.loads(spec)["episodes"]) for spec in references["spec"]), default=0)
+    rows = pd.concat([_of_domain(own.references, domain), _of_domain(stored, domain)])
+    return rows.drop_duplicates("run").drop(columns="episodes", errors="ignore")
 
 
 def _described(runs: pd.DataFrame, budget: str, preset: str) -> list[list[object]]:

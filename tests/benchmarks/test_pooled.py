@@ -11,6 +11,7 @@ from benchmarks.evidence import EvidenceError
 from tests.benchmarks import fakes
 
 PRESET = registry.load().defaults.preset
+OPENINGS = ("clean", "hidden-first-action")
 
 
 @pytest.fixture(scope="module")
@@ -49,6 +50,21 @@ def test_each_domain_comes_from_its_longest_budget(results: pathlib.Path) -> Non
     }
     assert len(found.curves) == 4 * 3
     assert set(found.policies()) == {f"{d}/ah-ch/seed-{s}" for d in ("hallway", "hallway-2") for s in (0, 1)}
+
+
+def test_reference_rows_belong_to_no_preset(results: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    """What a domain's own budget lacks is taken from wherever the present code evaluated most episodes."""
+    folder = pathlib.Path(shutil.copytree(results, tmp_path / "results"))
+    command = ["run", "--results", str(folder), "--jobs", "1", "--domain", "hallway", "--reference"]
+    assert (
+        main([*command, "random", "qmdp", "--budget", "laptop", "--preset", "paper-text"], work=fakes.WORKING)
+        == 0
+    )
+    rows = pooled.load(folder, preset=PRESET).references.set_index("run")
+    assert rows["budget"].to_dict() == {
+        **{f"hallway/{name}/{opening}": "laptop" for name in ("random", "qmdp") for opening in OPENINGS},
+        **{f"hallway-2/random/{opening}": "smoke" for opening in OPENINGS},
+    }
 
 
 def test_longer_runs_of_fewer_agents_are_named_but_not_shown(
