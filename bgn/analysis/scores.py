@@ -52,6 +52,35 @@ class Scores:
             return {}
         return {(str(d), str(a)): group for (d, a), group in self.runs.groupby(["domain", "agent"])}
 
+    # Claims share cells, and each asks anew: what they look up is made once.
+
+    @cached_property
+    def _short(self) -> dict[Cell, bool]:
+        return {
+            c: cells.is_short(r, self._domains[c[0]])
+            for c, r in self._groups.items()
+            if c[0] in self._domains
+        }
+
+    @cached_property
+    def _samples(self) -> dict[Cell, Sample]:
+        return {}  # filled when asked for: not every run has every metric
+
+    @cached_property
+    def _curves(self) -> dict[Cell, list[pd.DataFrame]]:
+        found: dict[Cell, list[pd.DataFrame]] = {}
+        if not self.curves.empty:
+            for (domain, agent, _), curve in self.curves.groupby(["domain", "agent", "run"]):
+                found.setdefault((str(domain), str(agent)), []).append(curve)
+        return found
+
+    @cached_property
+    def _references(self) -> dict[tuple[str, str, str], pd.Series]:
+        if self.references.empty:
+            return {}
+        groups = self.references.groupby(["domain", "reference", "convention"])
+        return {(str(d), str(p), str(c)): rows.iloc[0] for (d, p, c), rows in groups}
+
     @cached_property
     def _domains(self) -> dict[str, DomainRow]:
         return {domain.id: domain for domain in self.domains}
@@ -70,7 +99,7 @@ class Scores:
 
     def is_short(self, cell: Cell) -> bool:
         """Say whether a cell's runs are shorter than the paper's horizon."""
-        return cell in self._groups and cells.is_short(self._groups[cell], self._domains[cell[0]])
+        return self._short.get(cell, False)
 
     def ready(self, cell: Cell) -> bool:
         """Say whether a cell can be judged."""
@@ -78,7 +107,9 @@ class Scores:
 
     def sample(self, cell: Cell) -> Sample:
         """Return the judged metric of a cell, one value per seed."""
-        return cells.sample(self.cell_runs(cell), self._domains[cell[0]].metric)
+        if cell not in self._samples:
+            self._samples[cell] = cells.sample(self.cell_runs(cell), self._domains[cell[0]].metric)
+        return self._samples[cell]
 
     def values(self, cell: Cell) -> Array:
         """Return the judged metric of every seed of a cell."""
@@ -89,12 +120,7 @@ class Scores:
 
     def reference(self, domain: str, policy: str, convention: str) -> pd.Series | None:
         """Return the row of a policy that is not trained."""
-        rows = self.references
-        if rows.empty:
-            return None
-        rows = rows[(rows["domain"] == domain) & (rows["reference"] == policy)]
-        rows = rows[rows["convention"] == convention]
-        return None if rows.empty else rows.iloc[0]
+        return self._references.get((domain, policy, convention))
 
     def reference_sample(self, domain: str, policy: str, convention: str) -> Sample | None:
         """Return a reference row as a sample of its episodes."""
@@ -144,10 +170,7 @@ class Scores:
 
     def cell_curves(self, cell: Cell) -> list[pd.DataFrame]:
         """Return the learning curves of a cell's runs."""
-        if self.curves.empty:
-            return []
-        chosen = self.curves[(self.curves["domain"] == cell[0]) & (self.curves["agent"] == cell[1])]
-        return [curve for _, curve in chosen.groupby("run")]
+        return self._curves.get(cell, [])
 
     def curve_column(self, domain: str) -> str:
         """Return the column of curves that shows how well a domain is learnt."""
