@@ -115,12 +115,17 @@ def bootstrap(
     return Estimate(float(value), float(low), float(high))
 
 
+def settled(curve: pd.DataFrame, column: str) -> pd.DataFrame:
+    """Return the points of a curve that have a full window of episodes behind them, and a value."""
+    return curve[(curve["episodes"] >= WINDOW) & curve[column].notna()]
+
+
 def steps_to(curve: pd.DataFrame, column: str, level: float) -> float:
     """Return the environment steps at which a run's curve first reaches a level, infinite if it never does.
 
     Between two points of the curve the value is taken to change linearly.
     """
-    curve = curve[(curve["episodes"] >= WINDOW) & curve[column].notna()]
+    curve = settled(curve, column)
     steps, values = curve["env_steps"].to_numpy(dtype=float), curve[column].to_numpy(dtype=float)
     reached = np.flatnonzero(values >= level)
     if len(reached) == 0:

@@ -526,15 +526,23 @@ def early_fall(curve: pd.DataFrame, rare: float) -> float:
     if "belief_cross_entropy" not in curve:
         return math.nan
     loss = curve["belief_cross_entropy"].to_numpy(dtype=float)
-    often = np.flatnonzero((curve["success_100"].to_numpy() > rare) & (curve["episodes"].to_numpy() >= 100))
+    settled = curve["episodes"].to_numpy() >= aggregate.WINDOW
+    often = np.flatnonzero((curve["success_100"].to_numpy() > rare) & settled)
     if len(often) == 0 or np.isnan(loss).any() or loss[0] <= np.nanmin(loss):
         return math.nan
     return float((loss[0] - loss[: often[0] + 1].min()) / (loss[0] - loss.min()))
 
 
 def fall(curve: pd.DataFrame, column: str) -> float:
-    """Return the mean distance below the best point so far, over the second half of a curve's steps."""
-    steps, values = curve["env_steps"].to_numpy(), curve[column].ffill().fillna(0.0).to_numpy(dtype=float)
+    """Return the mean distance below the best point so far, over the second half of a curve's steps.
+
+    What the few episodes before the first full window earned is no best to fall from; NaN for a run without such a
+    window.
+    """
+    curve = aggregate.settled(curve, column)
+    if curve.empty:
+        return math.nan
+    steps, values = curve["env_steps"].to_numpy(), curve[column].to_numpy(dtype=float)
     below = np.maximum.accumulate(values) - values
     late = steps >= steps[-1] / 2
     return float(np.trapezoid(below[late], steps[late]) / max(np.ptp(steps[late]), 1))

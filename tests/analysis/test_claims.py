@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 
 import pandas as pd
 import pytest
@@ -159,6 +160,17 @@ def test_falls_by_hand() -> None:
     assert criteria.fall(fallen, "success_100") == pytest.approx(0.25)
     rising = curve("top-plate", "ah-ch", 0, [0, 500, 1000], [0.0, 0.5, 1.0])
     assert criteria.fall(rising, "success_100") == 0.0
+    # A first episode that happened to succeed is no best to fall from: else it would be .75.
+    early = curve(
+        "top-plate",
+        "ah-ch",
+        0,
+        [0, 250, 500, 750, 1000],
+        [1.0, 0.5, 0.0, 0.5, 0.0],
+        episodes=[1, 100, 200, 300, 400],
+    )
+    assert criteria.fall(early, "success_100") == pytest.approx(0.25)
+    assert math.isnan(criteria.fall(early[:1], "success_100"))
 
 
 def test_belief_criteria() -> None:

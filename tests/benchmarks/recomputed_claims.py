@@ -460,9 +460,14 @@ def steps_to(curve: pd.DataFrame, column: str, level: float) -> float:
 
 
 def fall(curve: pd.DataFrame, column: str) -> float:
-    """Return how far a curve is below its best so far, on average over the second half of its steps."""
-    values = curve[column].ffill().fillna(0.0)
-    below, steps = (values.cummax() - values).to_numpy(), curve["env_steps"].to_numpy()
+    """Return how far a curve is below its best so far, on average over the second half of its steps.
+
+    Its points count, and may be the best, once 100 episodes are over; NaN where none ever does.
+    """
+    points = curve[curve["episodes"] >= 100].dropna(subset=column)
+    if points.empty:
+        return np.nan
+    below, steps = (points[column].cummax() - points[column]).to_numpy(), points["env_steps"].to_numpy()
     late = steps >= steps[-1] / 2
     widths, heights = np.diff(steps[late]), below[late]
     return float(np.sum(widths * (heights[1:] + heights[:-1]) / 2) / max(widths.sum(), 1))
