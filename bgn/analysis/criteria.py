@@ -29,7 +29,7 @@ from bgn.analysis.statistics import (
     mean_interval,
     rank_sum_p,
     rate_interval,
-    spearman,
+    spearman_within,
     welch_p,
 )
 from bgn.analysis.verdicts import SIGNIFICANCE, Cell
@@ -453,28 +453,33 @@ class BeliefGoesWithScore:
         return tuple(itertools.product(self.domains, self.agents))
 
     def judge(self, scores: Scores) -> Finding:
-        """Rank runs within each domain by divergence and by score; Spearman's correlation of the ranks, two-sided.
+        """Rank runs within each domain by divergence and by score, and correlate the ranks over all domains.
 
-        Cells that cannot be judged are left out, and do not keep the rest from a verdict.
+        Unlike comparisons, of which one may contradict a claim for the rest, a correlation over some of the cells
+        answers another question: nothing is judged until all are there, each with a divergence that was measured.
         """
-        kl, score = [], []
+        strata: list[tuple[Array, Array]] = []
+        unmeasured = False
         for domain in self.domains:
             frames = [scores.cell_runs((domain, a)) for a in self.agents if scores.ready((domain, a))]
+            frames = [_measured(runs, "sampled_belief_kl") for runs in frames]
+            unmeasured |= any(runs.empty for runs in frames)
             runs = pd.concat(frames) if frames else pd.DataFrame()
-            if len(runs) < 3 or "sampled_belief_kl" not in runs:
-                continue
-            runs = runs[runs["sampled_belief_kl"].notna()]
-            kl += (runs["sampled_belief_kl"].rank() / len(runs)).tolist()
-            score += (runs[scores.domain(domain).metric].rank() / len(runs)).tolist()
-        rho, p = spearman(kl, score)
-        if math.isnan(rho):
-            return Finding(
-                _lacking(scores, self.cells) or Answer.INCONCLUSIVE, "too few runs, or none differ"
-            )
-        text = f"rank correlation {rho:.2f} over {len(kl)} runs, p = {p:.3f}"
-        if p < SIGNIFICANCE:
-            return Finding(Answer.HOLDS if rho < 0 else Answer.FAILS, text)
-        return Finding(_lacking(scores, self.cells) or Answer.INCONCLUSIVE, text)
+            if len(runs):
+                kl, score = runs["sampled_belief_kl"], runs[scores.domain(domain).metric]
+                strata.append((kl.to_numpy(dtype=float), score.to_numpy(dtype=float)))
+        rho, p = spearman_within(strata)
+        known = not math.isnan(rho)
+        count = sum(len(kl) for kl, _ in strata)
+        text = (
+            f"rank correlation {rho:.2f} over {count} runs, p = {p:.3f}"
+            if known
+            else "too few runs, or none differ"
+        )
+        lacking = Answer.MISSING if unmeasured else _lacking(scores, self.cells)
+        if lacking or not p < SIGNIFICANCE:
+            return Finding(lacking or Answer.INCONCLUSIVE, text)
+        return Finding(Answer.HOLDS if rho < 0 else Answer.FAILS, text)
 
 
 @dataclass(frozen=True)
@@ -546,6 +551,11 @@ def fall(curve: pd.DataFrame, column: str) -> float:
     below = np.maximum.accumulate(values) - values
     late = steps >= steps[-1] / 2
     return float(np.trapezoid(below[late], steps[late]) / max(np.ptp(steps[late]), 1))
+
+
+def _measured(runs: pd.DataFrame, metric: str) -> pd.DataFrame:
+    """Return the runs of which a metric is stored (older ones may lack it)."""
+    return runs[runs[metric].notna()] if metric in runs else runs[:0]
 
 
 def _falls(scores: Scores, cell: Cell) -> Sample:

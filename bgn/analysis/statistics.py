@@ -8,12 +8,12 @@ standard error of its values as a floor: their spread contains it, and is never 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 Tail = Literal["two-sided", "less", "greater"]
@@ -153,13 +153,28 @@ def prediction_interval(sample: Sample, *, n: int, confidence: float = 0.95) -> 
     return sample.mean - reach, sample.mean + reach
 
 
-def spearman(x: ArrayLike, y: ArrayLike) -> tuple[float, float]:
-    """Return Spearman's rank correlation and its two-sided p-value (NaN where one side is constant)."""
-    x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
-    if len(x) < 3 or np.ptp(x) == 0 or np.ptp(y) == 0:
+def spearman_within(strata: Iterable[tuple[ArrayLike, ArrayLike]]) -> tuple[float, float]:
+    """Return Spearman's correlation within strata, and its two-sided p-value (NaN where there is none to speak of).
+
+    Ranks are taken within each stratum, centred, and divided by its number of values, so that strata of any size span
+    alike; the correlation is Pearson's of all of them. Besides the slope, a mean is estimated in each stratum: of n
+    values in k strata n - 1 - k degrees of freedom are left to t (n - 2 in a single one, as usual).
+    """
+    pairs = [(np.asarray(x, dtype=float), np.asarray(y, dtype=float)) for x, y in strata]
+    pairs = [(x, y) for x, y in pairs if len(x)]
+    if not pairs:
         return math.nan, math.nan
-    result = stats.spearmanr(x, y)
-    return float(result.statistic), float(result.pvalue)
+    x, y = (np.concatenate([_centred_ranks(values) for values in side]) for side in zip(*pairs, strict=True))
+    freedom = len(x) - 1 - len(pairs)
+    if freedom < 1 or not x.any() or not y.any():
+        return math.nan, math.nan
+    rho = float(np.clip(x @ y / math.sqrt((x @ x) * (y @ y)), -1, 1))
+    t = rho * math.sqrt(freedom / (1 - rho**2)) if abs(rho) < 1 else math.copysign(math.inf, rho)
+    return rho, float(2 * stats.t.sf(abs(t), freedom))
+
+
+def _centred_ranks(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray((stats.rankdata(values) - (len(values) + 1) / 2) / len(values))
 
 
 def rank_sum_p(lower: Sequence[float], higher: Sequence[float]) -> float:

@@ -190,6 +190,26 @@ def test_belief_criteria() -> None:
     assert goes.judge(scores(rising)).answer is Answer.FAILS
 
 
+def test_belief_goes_with_score_in_all_cells_or_none() -> None:
+    goes = criteria.BeliefGoesWithScore(("ah-ch+bgn", "ab-cb+bgn"), ("two-bumps-1d", "two-bumps-2d"))
+
+    def falling(domain: str, agent: str, *, steps: int = STEPS) -> list[dict[str, object]]:
+        rows = cell(domain, agent, [1.0, 0.9, 0.8, 0.7], steps)
+        return [row | {"sampled_belief_kl": 0.1 * i} for i, row in enumerate(rows)]
+
+    pairs = list(itertools.product(goes.domains, goes.agents))
+    rows = [row for pair in pairs for row in falling(*pair)]
+    assert goes.judge(scores(rows)).answer is Answer.HOLDS
+    missing = goes.judge(scores(rows[:-4]))
+    # However sure the rest: 12 runs, perfectly ordered.
+    text = "rank correlation -1.00 over 12 runs, p = 0.000"
+    assert missing == criteria.Finding(Answer.MISSING, text)
+    short = falling(*pairs[-1], steps=STEPS - 1)
+    assert goes.judge(scores(rows[:-4] + short)) == criteria.Finding(Answer.SHORT, text)
+    unmeasured = [row | {"sampled_belief_kl": math.nan} for row in rows[-4:]]
+    assert goes.judge(scores(rows[:-4] + unmeasured)) == criteria.Finding(Answer.MISSING, text)
+
+
 def test_early_fall_by_hand() -> None:
     # The loss falls from 4 to 1; it stands at 3 when success first exceeds .1: a third of the fall.
     learnt = curve(

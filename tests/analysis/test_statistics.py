@@ -19,7 +19,7 @@ from bgn.analysis.statistics import (
     rank_sum_p,
     rate_error,
     rate_interval,
-    spearman,
+    spearman_within,
     welch_p,
 )
 
@@ -105,9 +105,28 @@ def test_rank_sums_are_exact_with_ties_too() -> None:
     assert rank_sum_p(a.tolist(), b.tolist()) == pytest.approx(exact)
 
 
-def test_spearman() -> None:
-    assert spearman([1, 2, 3, 4], [4, 3, 2, 1])[0] == pytest.approx(-1.0)
-    assert math.isnan(spearman([1, 2, 3], [5, 5, 5])[0])
+def test_rank_correlation_within_strata_by_hand() -> None:
+    # Centred ranks -1.5, -.5, .5, 1.5: products add up to -5 in the first stratum and -3 in the second, of 5 + 5.
+    # r = -8 / 10 with 8 - 1 - 2 = 5 degrees of freedom: t = -.8 sqrt(5 / .36) = -2.981, p = .031 (.017 with 6).
+    strata = [([1, 2, 3, 4], [9, 8, 7, 6]), ([10, 20, 30, 40], [300, 400, 100, 200])]
+    rho, p = spearman_within(strata)
+    assert rho == pytest.approx(-0.8)
+    assert p == pytest.approx(2 * stats.t.sf(2.981424, 5))
+    assert p == pytest.approx(0.0307, abs=1e-4)
+    # A stratum's level, which separates them here, is no part of it.
+    assert spearman_within([([1, 2], [1, 2]), ([8, 9, 10], [-1, -2, -3])])[0] < 0
+    assert spearman_within([]) == pytest.approx((math.nan, math.nan), nan_ok=True)
+
+
+def test_rank_correlation_in_one_stratum_is_spearman_s() -> None:
+    x, y = [3.0, 1.0, 4.0, 1.0, 5.0, 9.0], [2.0, 7.0, 1.0, 8.0, 2.0, 8.0]
+    expected = stats.spearmanr(x, y)
+    assert spearman_within([(x, y)]) == pytest.approx((expected.statistic, expected.pvalue))
+    assert spearman_within([([1, 2, 3, 4], [4, 3, 2, 1])]) == pytest.approx((-1.0, 0.0))
+    assert math.isnan(spearman_within([([1, 2, 3], [5, 5, 5])])[0])
+    assert math.isnan(
+        spearman_within([([1, 2], [2, 1])])[0]
+    )  # two points lie on a line: no degree of freedom
 
 
 def test_one_value_has_no_test() -> None:

@@ -28,6 +28,7 @@ from tests.benchmarks.recomputed_statistics import (
     student,
     tost,
     welch,
+    within_groups,
 )
 
 HALLWAYS, ROCKSAMPLES = ("hallway", "hallway-2"), ("rocksample-4-4", "rocksample-5-5")
@@ -264,24 +265,27 @@ def reconstructs(agent: str, domains: Sequence[str], nats: float) -> Question:
 
 
 def belief_goes_with_score(agents: Sequence[str], domains: Sequence[str]) -> Question:
-    """Ask for Spearman's correlation of divergence and score, both ranked within each domain."""
+    """Ask for the correlation of divergence and score, both ranked within each domain, over all cells or none."""
     cells = _cells(domains, agents)
 
     def judge(rows: Rows) -> Finding:
-        divergence, score = [], []
-        for d in domains:
-            found = [rows.runs[d, a] for a in agents if rows.judged((d, a))]
-            runs = pd.concat(found).dropna(subset="sampled_belief_kl") if found else ()
-            if len(runs) > 2:
-                divergence += list(stats.rankdata(runs["sampled_belief_kl"]) / len(runs))
-                score += list(stats.rankdata(runs[METRICS[d]]) / len(runs))
-        if len(set(divergence)) < 2 or len(set(score)) < 2:
-            return _lacking(rows, cells) or "inconclusive", "too few runs, or none differ"
-        rho, p = stats.spearmanr(divergence, score)
-        text = f"rank correlation {rho:.2f} over {len(score)} runs, p = {p:.3f}"
-        if p < ALPHA:
-            return "holds" if rho < 0 else "does not hold", text
-        return _lacking(rows, cells) or "inconclusive", text
+        there = [cell for cell in cells if rows.judged(cell)]
+        found = [rows.runs[cell].dropna(subset="sampled_belief_kl") for cell in there]
+        lacking = "not run" if any(runs.empty for runs in found) else _lacking(rows, cells)
+        runs = pd.concat(
+            [
+                of_cell.assign(score=of_cell[METRICS[d]], domain=d)
+                for (d, _), of_cell in zip(there, found, strict=True)
+            ]
+            or [pd.DataFrame(columns=["domain", "sampled_belief_kl", "score"])]
+        )
+        ranks = runs.groupby("domain")[["sampled_belief_kl", "score"]].rank(pct=True)
+        rho, p = within_groups(ranks["sampled_belief_kl"], ranks["score"], runs["domain"])
+        if np.isnan(rho):
+            return lacking or "inconclusive", "too few runs, or none differ"
+        text = f"rank correlation {rho:.2f} over {len(runs)} runs, p = {p:.3f}"
+        said = ("holds" if rho < 0 else "does not hold") if p < ALPHA else "inconclusive"
+        return lacking or said, text
 
     return Question(cells, judge)
 

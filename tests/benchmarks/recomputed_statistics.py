@@ -103,6 +103,20 @@ def rank_sum(lower: Sequence[float], higher: Sequence[float]) -> float:
     return float(np.mean(sums <= ranks[: len(lower)].sum()))
 
 
+def within_groups(x: Sequence[float], y: Sequence[float], groups: Sequence[str]) -> tuple[float, float]:
+    """Return the correlation of what two columns have left once each group's mean is regressed out, and its p.
+
+    Without any correlation r is distributed as Pearson's of n - (groups - 1) values. NaN where nothing is left.
+    """
+    dummies = pd.get_dummies(pd.Series(groups)).to_numpy(dtype=float)
+    left = [np.asarray(column) - dummies @ np.linalg.lstsq(dummies, column)[0] for column in (x, y)]
+    freedom = len(groups) - 1 - dummies.shape[1]
+    if freedom < 1 or min(np.abs(column).max() for column in left) < 1e-9:
+        return np.nan, np.nan
+    r = np.corrcoef(*left)[0, 1]
+    return r, 2 * stats.beta.sf(abs(r), freedom / 2, freedom / 2, loc=-1, scale=2)
+
+
 @functools.cache
 def _choices(n: int, size: int) -> np.ndarray:
     """Return all ways to choose so many of n."""
