@@ -162,18 +162,20 @@ class MatchesIn:
     def judge(self, scores: Scores) -> Finding:
         """Run non-inferiority tests; a domain with a significantly better other, and no match, is lost.
 
-        Holm's correction spans the others of a domain: that several domains have to be lost guards against chance too.
+        Holm's correction spans the others of all domains.
         """
-        matched, lost = 0, 0
-        for domain in self.domains:
-            pairs = [((domain, self.agent), (domain, other)) for other in self.others]
-            ready = _ready(scores, pairs)
-            tolerance = scores.domain(domain).tolerance if ready else 0.0
-            samples = _samples(scores, ready)
-            close = [welch_p(*pair, shift=-tolerance, tail="greater") < SIGNIFICANCE for pair in samples]
-            below = holm([welch_p(*pair, tail="less") for pair in samples], family=len(self.others))
-            matched += len(close) == len(pairs) and all(close)
-            lost += any(p < SIGNIFICANCE and not c for p, c in zip(below, close, strict=True))
+        pairs = [((domain, self.agent), (domain, other)) for domain in self.domains for other in self.others]
+        ready = _ready(scores, pairs)
+        below = holm([welch_p(*pair, tail="less") for pair in _samples(scores, ready)], family=len(pairs))
+        close: dict[str, int] = dict.fromkeys(self.domains, 0)
+        worse: set[str] = set()
+        for pair, samples, p in zip(ready, _samples(scores, ready), below, strict=True):
+            domain = pair[0][0]
+            if welch_p(*samples, shift=-scores.domain(domain).tolerance, tail="greater") < SIGNIFICANCE:
+                close[domain] += 1
+            elif p < SIGNIFICANCE:
+                worse.add(domain)
+        matched, lost = sum(count == len(self.others) for count in close.values()), len(worse)
         text = f"matches in {matched} of {len(self.domains)} domains, worse in {lost}"
         if matched >= self.at_least:
             return Finding(Answer.HOLDS, text)

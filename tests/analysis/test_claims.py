@@ -9,6 +9,7 @@ import pytest
 from bgn.agents.specs import AGENTS
 from bgn.analysis import claims, criteria, paper
 from bgn.analysis.criteria import Answer
+from bgn.analysis.statistics import Sample, welch_p
 from bgn.domains.episode_opening import CLEAN, HIDDEN
 from tests.analysis._evidence import DOMAINS, STEPS, cell, curve, reference, scores
 
@@ -115,6 +116,24 @@ def test_matches_in_three_of_four() -> None:
         pairs = zip(claims.CLASSIC, means, strict=True)
         ours = [row for domain, mean in pairs for row in cell(domain, "ah-ch", around(mean))]
         assert matches.judge(scores(rows + ours)).answer is answer
+
+
+def test_domains_are_lost_by_a_correction_over_all_comparisons() -> None:
+    # Two seeds .007 to either side: each mean has an error of .007, their difference one of .0099. A gap of .06 is 6.06
+    # of it, p = .013 with 2 degrees of freedom: significant among a domain's 2 comparisons, not among all 8. It is
+    # beyond the tolerance, .05, so no match either.
+    matches = criteria.MatchesIn("ah-ch", ("ah-cs", "ah-cb"), claims.CLASSIC, 3)
+    rows = []
+    for domain, scale in zip(
+        claims.CLASSIC, (1, 1, 20, 20), strict=True
+    ):  # in units of the domain's tolerance
+        for agent, mean in (("ah-ch", 0.0), ("ah-cs", 0.06), ("ah-cb", 0.06)):
+            values = [scale * (mean + side * 0.007) for side in (-1, 1)]
+            rows += cell(domain, agent, values, sampled_return_se=0.0, greedy_return_se=0.0)
+    found = matches.judge(scores(rows))
+    p = welch_p(Sample(0.0, 0.007, 2), Sample(0.06, 0.007, 2), tail="less")
+    assert 0.05 / 8 < p < 0.05 / 2
+    assert found == criteria.Finding(Answer.INCONCLUSIVE, "matches in 0 of 4 domains, worse in 0")
 
 
 def test_half_of_the_gap() -> None:

@@ -96,17 +96,15 @@ def matches_in(agent: str, others: Sequence[str], domains: Sequence[str], enough
     cells = _cells(domains, (agent, *others))
 
     def judge(rows: Rows) -> Finding:
-        matched = worse = 0
-        for d in domains:
-            ours = [
-                (rows.sample((d, agent)), rows.sample((d, o)))
-                for o in others
-                if rows.judged((d, agent), (d, o))
-            ]
-            close = [welch(a, b, "greater", -TOLERANCES[d]) < ALPHA for a, b in ours]
-            below = holm([welch(a, b, "less") for a, b in ours], len(others))
-            matched += sum(close) == len(others)
-            worse += any(p < ALPHA and not c for p, c in zip(below, close, strict=True))
+        met = [(d, o) for d, o in _cells(domains, others) if rows.judged((d, agent), (d, o))]
+        duels = [(rows.sample((d, agent)), rows.sample((d, o))) for d, o in met]
+        p_below = holm([welch(a, b, "less") for a, b in duels], len(domains) * len(others))
+        verdicts: dict[str, list[str]] = {d: [] for d in domains}
+        for (d, _), (a, b), p in zip(met, duels, p_below, strict=True):
+            close = welch(a, b, "greater", -TOLERANCES[d]) < ALPHA
+            verdicts[d].append("close" if close else "worse" if p < ALPHA else "open")
+        matched = sum(found == ["close"] * len(others) for found in verdicts.values())
+        worse = sum("worse" in found for found in verdicts.values())
         text = f"matches in {matched} of {len(domains)} domains, worse in {worse}"
         if matched >= enough:  # whatever the other domains would say
             return "holds", text
