@@ -3,7 +3,7 @@
 Each criterion names its cells and judges them. All follow one pattern. A claim about several comparisons *holds*
 if every one of them is significant by itself (an intersection-union test needs no correction); it *does not hold* if
 any is significantly contradicted (Holm-corrected over the comparisons); otherwise it stays *inconclusive*. Comparisons
-whose cells are missing or shorter than the paper's runs can't make a claim hold.
+whose cells or reference rows are missing, or whose runs are shorter than the paper's, can't make a claim hold.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import pandas as pd
 
 from bgn.analysis import aggregate
 from bgn.analysis.aggregate import Array
-from bgn.analysis.cells import evaluation_episodes
+from bgn.analysis.cells import evaluation_episodes, sample
 from bgn.analysis.scores import UPPER, Scores
 from bgn.analysis.statistics import (
     Sample,
@@ -47,7 +47,7 @@ class Answer(enum.Enum):
     SHORT = "short"
     """Runs are shorter than the paper's horizon."""
     MISSING = "not run"
-    """Cells, or a second seed, are missing."""
+    """Cells, a second seed, or the reference rows to compare with are missing."""
     NOT_MEASURED = "not measured"
     """No stored quantity answers it."""
 
@@ -232,13 +232,14 @@ class MatchesReference:
         for cell in self.cells:
             row = scores.reference_sample(cell[0], UPPER["classic"], CLEAN) if scores.ready(cell) else None
             if row is not None:
-                sample = scores.sample(cell)
-                equal.append(equivalence_p(sample, row, tolerance=scores.domain(cell[0]).tolerance))
-                differ.append(welch_p(sample, row, tail="less"))
+                ours = scores.sample(cell)
+                equal.append(equivalence_p(ours, row, tolerance=scores.domain(cell[0]).tolerance))
+                differ.append(welch_p(ours, row, tail="less"))
         adjusted = holm(differ, family=len(self.cells))
         refuted = [d < SIGNIFICANCE and not e < SIGNIFICANCE for d, e in zip(adjusted, equal, strict=True)]
         text = f"{sum(p < SIGNIFICANCE for p in equal)} of {len(self.cells)} cells equivalent, {sum(refuted)} below"
-        return _conclude(scores, self.cells, equal, any(refuted), len(self.cells), text)
+        absent = [d for d in self.domains if scores.reference(d, UPPER["classic"], CLEAN) is None]
+        return _conclude(scores, self.cells, equal, any(refuted), len(self.cells), text, absent)
 
 
 @dataclass(frozen=True)
@@ -255,13 +256,21 @@ class ComesClose:
         return tuple(itertools.product(self.domains, self.agents))
 
     def judge(self, scores: Scores) -> Finding:
-        """Compare Student's interval of the normalised mean, from the spread over seeds alone, with the share."""
+        """Compare Student's interval of the mean, normalised, with the share.
+
+        The reference rows, means of many episodes that lie far apart, are taken for exact.
+        """
+        scales = {domain: scores.scale(domain, upper_start=CLEAN) for domain in self.domains}
         intervals: dict[Cell, tuple[float, float]] = {}
         for cell in self.cells:
-            values = scores.normalised(cell, upper_start=CLEAN) if scores.ready(cell) else np.empty(0)
-            if len(values):
-                intervals[cell] = mean_interval(Sample.of(values.tolist()))
-        return _beside(scores, self.cells, intervals, f"above {self.share:.2f}", lower=self.share)
+            scale = scales[cell[0]]
+            if scale is not None and scores.ready(cell):
+                low, high = mean_interval(scores.sample(cell))
+                intervals[cell] = scale.normalise(low), scale.normalise(high)
+        absent = [domain for domain, scale in scales.items() if scale is None]
+        return _beside(
+            scores, self.cells, intervals, f"above {self.share:.2f}", lower=self.share, absent=absent
+        )
 
 
 @dataclass(frozen=True)
@@ -336,7 +345,10 @@ class LessStable:
         return tuple(itertools.product(self.domains, (*self.agents, *self.calm)))
 
     def judge(self, scores: Scores) -> Finding:
-        """Run one-sided Welch tests on the mean fall below the running best, over a run's second half."""
+        """Run one-sided Welch tests on the mean fall below the running best, over a run's second half.
+
+        No error of measuring a fall is stored, so its spread over seeds has no floor.
+        """
         groups = itertools.product(self.domains, self.agents, self.calm)
         pairs = [((domain, a), (domain, b)) for domain, a, b in groups]
         ready = [pair for pair in _ready(scores, pairs) if all(scores.cell_curves(cell) for cell in pair)]
@@ -377,7 +389,8 @@ class LearnsFaster:
         refuted = sum(p < SIGNIFICANCE for p in holm(slower, family=len(self.domains)))
         counts = f"faster in {sum(p < SIGNIFICANCE for p in faster)} of {len(self.domains)} domains"
         text = counts + (f", slower in {refuted}" if refuted else "")
-        return _conclude(scores, self.cells, faster, refuted > 0, len(self.domains), text)
+        absent = [domain for domain in self.domains if scores.scale(domain) is None]
+        return _conclude(scores, self.cells, faster, refuted > 0, len(self.domains), text, absent)
 
 
 @dataclass(frozen=True)
@@ -397,7 +410,10 @@ class RecoversHalf:
         return tuple(itertools.product(self.domains, (self.agent, self.lower, self.higher)))
 
     def judge(self, scores: Scores) -> Finding:
-        """Bootstrap the share of the summed gaps; without a gap to close it is infinite, not about half."""
+        """Bootstrap the share of the summed gaps; without a gap to close it is infinite, not about half.
+
+        Seeds are drawn anew, not the episodes that measure them: equal seeds bring no spread into the interval.
+        """
         lacking = _lacking(scores, self.cells)
         if lacking:
             return Finding(lacking, "")
@@ -433,12 +449,15 @@ class ReconstructsBelief:
         return tuple((domain, self.agent) for domain in self.domains)
 
     def judge(self, scores: Scores) -> Finding:
-        """Compare Student's interval of the mean divergence with the bound."""
+        """Compare Student's interval of the mean divergence with the bound.
+
+        No error of measuring a divergence is stored, so its spread over seeds has no floor.
+        """
         intervals = {}
         for cell in self.cells:
             runs = scores.cell_runs(cell)
             if scores.ready(cell) and "sampled_belief_kl" in runs and runs["sampled_belief_kl"].notna().all():
-                intervals[cell] = mean_interval(Sample.of(runs["sampled_belief_kl"].tolist()))
+                intervals[cell] = mean_interval(sample(runs, "sampled_belief_kl"))
         return _beside(scores, self.cells, intervals, f"below {self.bound:.2f} nats", upper=self.bound)
 
 
@@ -499,7 +518,10 @@ class LearnsBeforeReward:
         return tuple((domain, self.agent) for domain in self.domains)
 
     def judge(self, scores: Scores) -> Finding:
-        """Compare Student's interval of the mean share with the one asked for."""
+        """Compare Student's interval of the mean share with the one asked for.
+
+        No error of measuring a loss is stored, so the spread of shares over seeds has no floor.
+        """
         intervals = {}
         for cell in self.cells:
             if scores.ready(cell):
@@ -598,12 +620,14 @@ def _conclude(
     refuted: bool,
     comparisons: int,
     text: str,
+    absent: Sequence[str] = (),
 ) -> Finding:
+    """Conclude from the comparisons that could be made; ``absent`` are domains without the reference rows asked for."""
     if refuted:
         return Finding(Answer.FAILS, text)
-    lacking = _lacking(scores, cells)
+    lacking = Answer.MISSING if absent else _lacking(scores, cells)
     if lacking:
-        return Finding(lacking, text if p_values else "")
+        return Finding(lacking, _with_absent(text if p_values else "", cells, absent))
     holds = len(p_values) == comparisons and all(p < SIGNIFICANCE for p in p_values)
     return Finding(Answer.HOLDS if holds else Answer.INCONCLUSIVE, text)
 
@@ -616,14 +640,26 @@ def _beside(
     *,
     lower: float = -math.inf,
     upper: float = math.inf,
+    absent: Sequence[str] = (),
 ) -> Finding:
-    """Judge intervals that all must lie between two bounds; one that lies outside contradicts."""
+    """Judge intervals that all must lie between two bounds; one that lies outside contradicts.
+
+    ``absent`` are domains without the reference rows asked for.
+    """
     inside = sum(lower <= low and high <= upper for low, high in intervals.values())
     outside = sum(high < lower or low > upper for low, high in intervals.values())
     text = f"{inside} of {len(cells)} cells {asked}" + (f", {outside} not" if outside else "")
     if outside:
         return Finding(Answer.FAILS, text)
-    lacking = _lacking(scores, cells)
+    lacking = Answer.MISSING if absent else _lacking(scores, cells)
     if lacking:
-        return Finding(lacking, text if intervals else "")
+        return Finding(lacking, _with_absent(text if intervals else "", cells, absent))
     return Finding(Answer.HOLDS if inside == len(cells) else Answer.INCONCLUSIVE, text)
+
+
+def _with_absent(text: str, cells: Sequence[Cell], absent: Sequence[str]) -> str:
+    """Add to a statistic of which domains no reference rows are stored."""
+    if not absent:
+        return text
+    every = len(absent) == len({domain for domain, _ in cells}) > 1
+    return f"{text}{'; ' if text else ''}no reference rows of {'any domain' if every else ', '.join(absent)}"

@@ -31,9 +31,9 @@ class Scale:
     lower: float
     upper: float
 
-    def normalise(self, returns: Array) -> Array:
-        """Return (return - lower) / (upper - lower)."""
-        return (returns - self.lower) / (self.upper - self.lower)
+    def normalise(self, value: float) -> float:
+        """Return (value - lower) / (upper - lower)."""
+        return (value - self.lower) / (self.upper - self.lower)
 
 
 @dataclass(frozen=True)
@@ -149,11 +149,6 @@ class Scores:
         if math.isnan(worst):
             worst = float(lower["return"])
         return Scale(worst, best)
-
-    def normalised(self, cell: Cell, *, upper_start: str | None = None) -> Array:
-        """Return a cell's values between Random (0) and the best reference (1); empty where one is not stored."""
-        scale = self.scale(cell[0], upper_start=upper_start)
-        return np.empty(0) if scale is None else scale.normalise(self.values(cell))
 
     def shares(self, cell: Cell) -> Array:
         """Return a cell's values as shares of the best reference's, episodes opening alike (empty without one).

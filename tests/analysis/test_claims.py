@@ -159,6 +159,53 @@ def test_against_the_reference_rows() -> None:
     assert close.judge(scores(cell("rocksample-4-4", "ab-cb", around(6.0)), (), rows)).answer is Answer.FAILS
 
 
+def test_nothing_is_compared_without_reference_rows() -> None:
+    sarsop = [reference("hallway", "sarsop", CLEAN, 0.52, return_se=0.001, return_sd=0.1)]
+    matches = criteria.MatchesReference(("ab-cb",), ("hallway", "hallway-2"))
+    rows = cell("hallway", "ab-cb", around(0.53)) + cell("hallway-2", "ab-cb", around(0.3))
+    none = matches.judge(scores(rows))
+    assert none == criteria.Finding(Answer.MISSING, "no reference rows of any domain")
+    some = matches.judge(scores(rows, (), sarsop))
+    text = "1 of 2 cells equivalent, 0 below; no reference rows of hallway-2"
+    assert some == criteria.Finding(Answer.MISSING, text)
+    # What is there may contradict all the same.
+    low = cell("hallway", "ab-cb", around(0.3)) + rows[5:]
+    assert matches.judge(scores(low, (), sarsop)).answer is Answer.FAILS
+    # A missing row weighs more than short runs: longer ones could not be compared either.
+    short = cell("hallway", "ab-cb", around(0.53), STEPS - 1) + rows[5:]
+    assert matches.judge(scores(short)).answer is Answer.MISSING
+
+    close = criteria.ComesClose(("ab-cb",), ("rocksample-4-4",), 0.9)
+    rows = cell("rocksample-4-4", "ab-cb", around(14.0))
+    lacking = criteria.Finding(Answer.MISSING, "no reference rows of rocksample-4-4")
+    assert close.judge(scores(rows)) == lacking
+    assert close.judge(scores(rows, (), [reference("rocksample-4-4", "sarsop", CLEAN, 18.0)])) == lacking
+
+    faster = criteria.LearnsFaster("ah-ch+bgn", "ah-ch", ("top-plate",))
+    rows = cell("top-plate", "ah-ch+bgn", [1.0] * 4) + cell("top-plate", "ah-ch", [0.5] * 4)
+    found = faster.judge(scores(rows))
+    assert found == criteria.Finding(Answer.MISSING, "no reference rows of top-plate")
+
+
+def test_a_normalised_spread_is_not_below_the_error_of_measuring() -> None:
+    # Random -62 and SARSOP 18 lie 80 apart. Three equal seeds measured to within 4 have t(.975, 2) = 4.303 times
+    # 4 / sqrt(3) = 9.94 to either side of the mean: a normalised .95 ± .124 reaches below .9, .95 ± 0 would not.
+    domain = "rocksample-4-4"
+    rows = [reference(domain, "sarsop", CLEAN, 18.0), reference(domain, "random", HIDDEN, -62.0)]
+    close = criteria.ComesClose(("ab-cb",), (domain,), 0.9)
+    rough = scores(cell(domain, "ab-cb", [14.0] * 3, sampled_return_se=4.0), (), rows)
+    assert close.judge(rough) == criteria.Finding(Answer.INCONCLUSIVE, "0 of 1 cells above 0.90")
+    # Measured to within 1 it is .95 ± .031.
+    exact = scores(cell(domain, "ab-cb", [14.0] * 3, sampled_return_se=1.0), (), rows)
+    assert close.judge(exact).answer is Answer.HOLDS
+    # A stored error of divergences would count too: .09 ± 4.303 * .01 / sqrt(3) = .09 ± .025 reaches above .1.
+    accurate = criteria.ReconstructsBelief("ah-ch+bgn", ("two-bumps-1d",), 0.1)
+    runs = cell("two-bumps-1d", "ah-ch+bgn", [1.0] * 3, sampled_belief_kl=0.09)
+    assert accurate.judge(scores(runs)).answer is Answer.HOLDS
+    runs = [row | {"sampled_belief_kl_se": 0.01} for row in runs]
+    assert accurate.judge(scores(runs)).answer is Answer.INCONCLUSIVE
+
+
 def test_learning_faster_by_ranks() -> None:
     faster = criteria.LearnsFaster("ah-ch+bgn", "ah-ch", ("top-plate",))
     rows = cell("top-plate", "ah-ch+bgn", [1.0] * 4) + cell("top-plate", "ah-ch", [0.5] * 4)

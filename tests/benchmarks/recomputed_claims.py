@@ -1,8 +1,8 @@
 """The paper's claims judged once more, from published rows: rules of the documents, written out again.
 
 A claim *holds* if each of its comparisons is significant by itself, and *does not hold* if one is significantly
-contradicted, after Holm's correction over all comparisons of the claim. Cells that are missing or shorter than
-the paper's runs leave a claim *not run* or *short* unless what is there contradicts it.
+contradicted, after Holm's correction over all comparisons of the claim. Cells or reference rows that are missing, and
+runs shorter than the paper's, leave a claim *not run* or *short* unless what is there contradicts it.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from tests.benchmarks.recomputed_statistics import (
     Sample,
     bootstrap,
     holm,
+    mean_interval,
     rank_sum,
     student,
     tost,
@@ -151,7 +152,8 @@ def matches_sarsop(agents: Sequence[str], domains: Sequence[str]) -> Question:
                 below.append(welch(ours, best, "less"))
         against = sum(p < ALPHA and not e for p, e in zip(holm(below, len(cells)), alike, strict=True))
         text = f"{sum(alike)} of {len(cells)} cells equivalent, {against} below"
-        return _conclude(rows, cells, alike, len(cells), against, text)
+        unknown = [d for d in domains if (d, "sarsop", "clean") not in rows.references]
+        return _conclude(rows, cells, alike, len(cells), against, text, unknown)
 
     return Question(cells, judge)
 
@@ -161,15 +163,16 @@ def comes_close(agents: Sequence[str], domains: Sequence[str], share: float) -> 
     cells = _cells(domains, agents)
 
     def judge(rows: Rows) -> Finding:
+        bounds = ("random", "hidden-first-action"), ("sarsop", "clean")
+        known = {d: [rows.references.get((d, *bound)) for bound in bounds] for d in domains}
+        unknown = [d for d in domains if any(bound is None for bound in known[d])]
         intervals = []
         for cell in cells:
-            low = rows.references.get((cell[0], "random", "hidden-first-action"))
-            high = rows.references.get((cell[0], "sarsop", "clean"))
-            if rows.judged(cell) and low is not None and high is not None:
-                intervals.append(
-                    student((rows.values(cell) - low["return"]) / (high["return"] - low["return"]))
-                )
-        return _beyond(rows, cells, intervals, f"above {share:.2f}", lower=share)
+            if rows.judged(cell) and cell[0] not in unknown:
+                low, high = (bound["return"] for bound in known[cell[0]])
+                mean, sd, n = rows.sample(cell)
+                intervals.append(mean_interval(Sample((mean - low) / (high - low), sd / (high - low), n)))
+        return _beyond(rows, cells, intervals, f"above {share:.2f}", lower=share, unknown=unknown)
 
     return Question(cells, judge)
 
@@ -245,7 +248,8 @@ def learns_faster(agent: str, other: str, domains: Sequence[str]) -> Question:
         text = f"faster in {sum(faster)} of {len(domains)} domains" + (
             f", slower in {against}" if against else ""
         )
-        return _conclude(rows, cells, faster, len(domains), against, text)
+        unknown = [d for d in domains if nine_tenths(rows, d) is None]
+        return _conclude(rows, cells, faster, len(domains), against, text, unknown)
 
     return Question(cells, judge)
 
@@ -397,18 +401,31 @@ def _lacking(rows: Rows, cells: Iterable[Cell]) -> str | None:
     return "short" if any(rows.short(cell) for cell in cells) else None
 
 
+def _name(domains: Sequence[str], cells: Sequence[Cell]) -> str:
+    """Say of which domains of a claim reference rows are missing."""
+    of = set(domains)
+    whole = len(of) > 1 and of == {d for d, _ in cells}
+    return f"no reference rows of {'any domain' if whole else ', '.join(domains)}" if of else ""
+
+
 def _contradict(count: int) -> str:
     return f", {count} contradict" if count else ""
 
 
 def _conclude(
-    rows: Rows, cells: Sequence[Cell], held: Sequence[bool], asked: int, against: int, text: str
+    rows: Rows,
+    cells: Sequence[Cell],
+    held: Sequence[bool],
+    asked: int,
+    against: int,
+    text: str,
+    unknown: Sequence[str] = (),
 ) -> Finding:
     if against:
         return "does not hold", text
-    lacking = _lacking(rows, cells)
+    lacking = "not run" if unknown else _lacking(rows, cells)
     if lacking:
-        return lacking, text if held else ""
+        return lacking, "; ".join(filter(None, (text if held else "", _name(unknown, cells))))
     return "holds" if sum(held) == asked else "inconclusive", text
 
 
@@ -420,12 +437,13 @@ def _beyond(
     *,
     lower: float = -np.inf,
     upper: float = np.inf,
+    unknown: Sequence[str] = (),
 ) -> Finding:
     """Judge intervals that shall lie between two bounds; one that lies outside contradicts."""
     within = [lower <= low and high <= upper for low, high in intervals]
     outside = sum(high < lower or low > upper for low, high in intervals)
     text = f"{sum(within)} of {len(cells)} cells {asked}" + (f", {outside} not" if outside else "")
-    return _conclude(rows, cells, within, len(cells), outside, text)
+    return _conclude(rows, cells, within, len(cells), outside, text, unknown)
 
 
 def _welch_of_values(a: Sequence[float], b: Sequence[float], tail: str) -> float:

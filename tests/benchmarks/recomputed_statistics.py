@@ -84,9 +84,13 @@ def holm(p_values: Sequence[float], family: int) -> list[float]:
 
 def student(values: Sequence[float]) -> tuple[float, float]:
     """Return Student's 95 % interval of the mean."""
-    mean, error = np.mean(values), stats.sem(values)
-    reach = stats.t.ppf(0.975, len(values) - 1) * error
-    return mean - reach, mean + reach
+    return mean_interval(Sample(np.mean(values), np.std(values, ddof=1), len(values)))
+
+
+def mean_interval(of: Sample) -> tuple[float, float]:
+    """Return Student's 95 % interval of a sample's mean."""
+    reach = stats.t.ppf(0.975, of.n - 1) * of.sd / np.sqrt(of.n)
+    return of.mean - reach, of.mean + reach
 
 
 def seed_rate(rates: np.ndarray, n: np.ndarray) -> tuple[float, float]:

@@ -40,18 +40,22 @@ def claims_of(scores: Scores) -> pd.DataFrame:
 def scores_at_any_length(store: Store) -> Scores:
     """Return a store's rows as if the paper's runs had been as short, so that every criterion meets rows.
 
-    Reference rows, which are not trained, are lent to stores that have none.
+    Reference rows, which are not trained, are lent to stores that have none, for the domains that they have.
     """
     scores = stored(store).scores
     domains = [dataclasses.replace(domain, horizon=0) for domain in scores.domains]
-    references = scores.references if len(scores.references) else stored(LENDER).references
+    lent = stored(LENDER).references
+    lent = lent[lent["domain"].isin([domain.id for domain in domains])]
+    references = scores.references if len(scores.references) else lent
     return dataclasses.replace(scores, domains=domains, references=references)
 
 
 @functools.cache
 def rows_at_any_length(store: Store) -> Rows:
     """Return the same from the shards."""
-    return rows(store).at_any_length(rows(LENDER).references)
+    ours = rows(store)
+    lent = {key: row for key, row in rows(LENDER).references.items() if key[0] in ours.domains()}
+    return ours.at_any_length(lent)
 
 
 def differences(claims: pd.DataFrame, ours: Rows) -> list[str]:
