@@ -176,7 +176,7 @@ def _of_domain(frame: pd.DataFrame, domain: str) -> pd.DataFrame:
 
 
 def _stored_references(results: str | pathlib.Path, registry: Registry) -> pd.DataFrame:
-    """Return all stored reference rows, those of the present code and the most episodes first."""
+    """Return all stored reference rows: of the present code first, then of the most episodes, then the latest."""
     frames = []
     for budget in registry.budgets:
         for preset in registry.presets:
@@ -184,10 +184,11 @@ def _stored_references(results: str | pathlib.Path, registry: Registry) -> pd.Da
             if (store.root / "references").is_dir():
                 frames.append(evidence.reference_rows(registry, budget, preset, store))
     if not frames:
-        return pd.DataFrame(columns=["run", "domain", "older", "episodes"])
+        return pd.DataFrame(columns=["run", "domain"])
     rows = pd.concat(frames, ignore_index=True)
     rows["episodes"] = [int(json.loads(spec)["episodes"]) for spec in rows["spec"]]
-    return rows.sort_values(["older", "episodes"], ascending=[True, False], kind="stable")
+    order = {"older": True, "episodes": False, "finished_at": False}
+    return rows.sort_values(list(order), ascending=list(order.values()), kind="stable")
 
 
 def _references(domain: str, own: StoredEvidence, stored: pd.DataFrame) -> pd.DataFrame:
