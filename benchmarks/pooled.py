@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import pathlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -22,6 +22,7 @@ from benchmarks.registry import Registry
 from bgn.agents.specs import agent
 from bgn.analysis import cells
 from bgn.results.run_ids import RunId
+from bgn.results.schema import RowKind
 from bgn.results.store import Store
 
 if TYPE_CHECKING:
@@ -69,27 +70,81 @@ class PooledEvidence(StoredEvidence):
         return {domain: part.budget for domain, part in self.parts.items()}
 
 
-def stored(results: str | pathlib.Path, registry: Registry | None = None) -> pd.DataFrame:
-    """Return what a results folder holds: columns budget, preset, domain, agents, runs, env_steps.
+@dataclass(frozen=True, eq=False)
+class ResultsFolder:
+    """A folder of stores, such as ``results/published``; what all of them hold is read once."""
 
-    One row per budget, preset and domain (in the registry's order); names that it does not know are left out.
-    """
-    registry = registries.load() if registry is None else registry
-    rows = []
-    for budget in registry.budgets:
-        for preset in registry.presets:
-            if (pathlib.Path(results) / budget / preset / "runs").is_dir():
-                runs = Store(pathlib.Path(results) / budget / preset).read("runs")
-                rows += _described(runs, budget, preset)
-    columns = ["budget", "preset", "domain", "agents", "runs", "env_steps"]
-    frame = pd.DataFrame(rows, columns=columns)
-    order = {domain: i for i, domain in enumerate(registry.domains)}
-    return frame[frame["domain"].isin(order)].sort_values(
-        ["budget", "preset", "domain"],
-        key=lambda c: c.map(order) if c.name == "domain" else c,
-        kind="stable",
-        ignore_index=True,
-    )
+    path: pathlib.Path
+    registry: Registry
+
+    @cached_property
+    def overview(self) -> pd.DataFrame:
+        """What is stored: columns budget, preset, domain, agents, runs, env_steps.
+
+        One row per budget, preset and domain, in the registry's order; names that it does not know are left out.
+        """
+        rows = [
+            row
+            for budget, preset, store in self._stores("runs")
+            for row in _described(store.read("runs"), budget, preset)
+        ]
+        columns = ["budget", "preset", "domain", "agents", "runs", "env_steps"]
+        frame = pd.DataFrame(rows, columns=columns)
+        order = {domain: i for i, domain in enumerate(self.registry.domains)}
+        return frame[frame["domain"].isin(order)].sort_values(
+            ["budget", "preset", "domain"],
+            key=lambda c: c.map(order) if c.name == "domain" else c,
+            kind="stable",
+            ignore_index=True,
+        )
+
+    @cached_property
+    def references(self) -> pd.DataFrame:
+        """All stored reference rows: of the present code first, then of the most episodes, then the latest."""
+        frames = [
+            evidence.reference_rows(self.registry, budget, preset, store)
+            for budget, preset, store in self._stores("references")
+        ]
+        if not frames:
+            return pd.DataFrame(columns=["run", "domain"])
+        rows = pd.concat(frames, ignore_index=True)
+        rows["episodes"] = [int(json.loads(spec)["episodes"]) for spec in rows["spec"]]
+        order = {"older": True, "episodes": False, "finished_at": False}
+        return rows.sort_values(list(order), ascending=list(order.values()), kind="stable")
+
+    def load(self, *, preset: str | None = None, budget: str | None = None) -> PooledEvidence:
+        """Read evidence, as :func:`load` does."""
+        if preset is None:
+            known = self.registry
+            preset = known.defaults.preset if budget in (None, LONGEST) else known.preset_of(budget)
+        of_preset = self.overview[self.overview["preset"] == preset]
+        chosen = of_preset if budget in (None, LONGEST) else of_preset[of_preset["budget"] == budget]
+        if chosen.empty:
+            have = sorted({f"{row.budget}/{row.preset}" for row in self.overview.itertuples()})
+            raise EvidenceError(
+                f"{self.path} holds no runs of {budget or 'any budget'}/{preset}; "
+                f"stored: {', '.join(have) or 'nothing'}"
+            )
+        ranked = chosen.sort_values(["agents", "env_steps", "runs"], kind="stable")
+        longest = ranked.groupby("domain").last()["budget"]
+        parts = {
+            b: evidence.load(self.path, budget=b, preset=preset, registry=self.registry)
+            for b in dict.fromkeys(longest)
+        }
+        of_domain = {d: parts[longest[d]] for d in self.registry.domains if d in longest.index}
+        return _pool(self.registry, preset, of_domain, self.references, _not_shown(chosen, longest))
+
+    def _stores(self, kind: RowKind) -> Iterator[tuple[str, str, Store]]:
+        for budget in self.registry.budgets:
+            for preset in self.registry.presets:
+                store = Store(self.path / budget / preset)
+                if (store.root / kind).is_dir():
+                    yield budget, preset, store
+
+
+def folder(results: str | pathlib.Path, registry: Registry | None = None) -> ResultsFolder:
+    """Return a folder of stores; ``registry`` None: the one that is shipped."""
+    return ResultsFolder(pathlib.Path(results), registries.load() if registry is None else registry)
 
 
 def load(
@@ -108,25 +163,7 @@ def load(
     EvidenceError
         Nothing of the kind is stored; the message names what is.
     """
-    registry = registries.load() if registry is None else registry
-    if preset is None:
-        preset = registry.defaults.preset if budget in (None, LONGEST) else registry.preset_of(budget)
-    overview = stored(results, registry)
-    of_preset = overview[overview["preset"] == preset]
-    chosen = of_preset if budget in (None, LONGEST) else of_preset[of_preset["budget"] == budget]
-    if chosen.empty:
-        have = sorted({f"{row.budget}/{row.preset}" for row in overview.itertuples()})
-        raise EvidenceError(
-            f"{results} holds no runs of {budget or 'any budget'}/{preset}; stored: {', '.join(have) or 'nothing'}"
-        )
-    ranked = chosen.sort_values(["agents", "env_steps", "runs"], kind="stable")
-    longest = ranked.groupby("domain").last()["budget"]
-    parts = {
-        b: evidence.load(results, budget=b, preset=preset, registry=registry) for b in dict.fromkeys(longest)
-    }
-    of_domain = {d: parts[longest[d]] for d in registry.domains if d in longest.index}
-    references = _stored_references(results, registry)
-    return _pool(registry, preset, of_domain, references, _not_shown(chosen, longest))
+    return folder(results, registry).load(preset=preset, budget=budget)
 
 
 def _not_shown(stored: pd.DataFrame, chosen: pd.Series[str]) -> list[str]:
@@ -173,22 +210,6 @@ def _pool(
 
 def _of_domain(frame: pd.DataFrame, domain: str) -> pd.DataFrame:
     return frame[frame["domain"] == domain]
-
-
-def _stored_references(results: str | pathlib.Path, registry: Registry) -> pd.DataFrame:
-    """Return all stored reference rows: of the present code first, then of the most episodes, then the latest."""
-    frames = []
-    for budget in registry.budgets:
-        for preset in registry.presets:
-            store = Store(pathlib.Path(results) / budget / preset)
-            if (store.root / "references").is_dir():
-                frames.append(evidence.reference_rows(registry, budget, preset, store))
-    if not frames:
-        return pd.DataFrame(columns=["run", "domain"])
-    rows = pd.concat(frames, ignore_index=True)
-    rows["episodes"] = [int(json.loads(spec)["episodes"]) for spec in rows["spec"]]
-    order = {"older": True, "episodes": False, "finished_at": False}
-    return rows.sort_values(list(order), ascending=list(order.values()), kind="stable")
 
 
 def _references(domain: str, own: StoredEvidence, stored: pd.DataFrame) -> pd.DataFrame:

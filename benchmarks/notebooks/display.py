@@ -7,6 +7,7 @@ the longest budget of most agents).
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import html
 import io
@@ -22,7 +23,7 @@ from PIL import Image as Pillow
 
 from benchmarks import pooled, registry
 from benchmarks.evidence import StoredEvidence, load
-from benchmarks.pooled import PooledEvidence
+from benchmarks.pooled import PooledEvidence, ResultsFolder
 from bgn.analysis import presets
 from bgn.analysis import recordings as robot_recordings
 from bgn.analysis.cells import env_steps
@@ -41,6 +42,12 @@ def results() -> pathlib.Path:
     return pathlib.Path(os.environ.get("BGN_RESULTS", ROOT / "results" / "published"))
 
 
+@functools.cache
+def _folder(path: pathlib.Path) -> ResultsFolder:
+    """Return the folder of results, of which a page reads many parts."""
+    return pooled.folder(path)
+
+
 def read(preset: str | None = None, *, rather: str | None = None) -> PooledEvidence:
     """Read the results to show, under the preset that was asked for outside unless one is named here.
 
@@ -49,17 +56,17 @@ def read(preset: str | None = None, *, rather: str | None = None) -> PooledEvide
     chosen, budget = preset or os.environ.get("BGN_PRESET") or None, os.environ.get("BGN_BUDGET") or None
     if rather and not (chosen or budget) and _has(registry.load().preset_of(rather), rather):
         budget = rather
-    return pooled.load(results(), preset=chosen, budget=budget)
+    return _folder(results()).load(preset=chosen, budget=budget)
 
 
 def read_presets() -> dict[str, PooledEvidence]:
     """Read the results of every preset that has any, in the registry's order."""
-    found = set(pooled.stored(results())["preset"])
+    found = set(_folder(results()).overview["preset"])
     budget = os.environ.get("BGN_BUDGET") or None
     names = [preset for preset in registry.load().presets if preset in found]
     if budget is None:
-        return {name: pooled.load(results(), preset=name) for name in names}
-    return {name: pooled.load(results(), preset=name, budget=budget) for name in names if _has(name, budget)}
+        return {name: _folder(results()).load(preset=name) for name in names}
+    return {name: _folder(results()).load(preset=name, budget=budget) for name in names if _has(name, budget)}
 
 
 def stamp(*evidence: StoredEvidence) -> None:
@@ -136,7 +143,7 @@ def verdicts(evidence: StoredEvidence, notebook: str) -> None:
 
 def overview() -> None:
     """Show which budgets and presets are stored, with agents, runs and steps per domain."""
-    found = pooled.stored(results())
+    found = _folder(results()).overview
     if found.empty:
         frame(found)
         return
@@ -185,7 +192,7 @@ def _strip(evidence: PooledEvidence, domain: str, agent: str, seed: int, *, scen
 
 def _first_policy(evidence: PooledEvidence, cell: str) -> tuple[StoredEvidence, str] | None:
     """Return where the first policy of a cell lies, and its run: in the evidence or, for want of one, elsewhere."""
-    there = pooled.stored(results())
+    there = _folder(results()).overview
     others = there[there["domain"] == cell.partition("/")[0]][["budget", "preset"]].itertuples(index=False)
     places = (load(results(), budget=budget, preset=preset) for budget, preset in others)
     for source in itertools.chain(evidence.parts.values(), places):
@@ -197,9 +204,9 @@ def _first_policy(evidence: PooledEvidence, cell: str) -> tuple[StoredEvidence, 
 
 def by_preset(domains: Sequence[str], quantity: str) -> None:
     """Show a quantity of the stored runs of some domains: a row per preset and budget, a column per agent."""
-    found = pooled.stored(results())
+    found = _folder(results()).overview
     pairs = found[["preset", "budget"]].drop_duplicates().itertuples(index=False)
-    evidences = {f"{p}, {b}": pooled.load(results(), preset=p, budget=b) for p, b in pairs}
+    evidences = {f"{p}, {b}": _folder(results()).load(preset=p, budget=b) for p, b in pairs}
     for domain in domains:
         shown = presets.by_preset(list(evidences.values()), list(evidences), domain, quantity)
         if shown.rows:
@@ -229,9 +236,9 @@ def costs() -> None:
     """Show core-hours, steps and steps per CPU second of everything stored, by budget, preset and device."""
     rows = []
     for preset, budget in (
-        pooled.stored(results())[["preset", "budget"]].drop_duplicates().itertuples(index=False)
+        _folder(results()).overview[["preset", "budget"]].drop_duplicates().itertuples(index=False)
     ):
-        for device, runs in pooled.load(results(), preset=preset, budget=budget).runs.groupby("device"):
+        for device, runs in _folder(results()).load(preset=preset, budget=budget).runs.groupby("device"):
             steps, seconds = sum(env_steps(runs)), runs["cpu_seconds"].sum()
             shared = device != "cpu"  # what one run of many took of a GPU is not known
             rows.append(

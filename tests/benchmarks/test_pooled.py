@@ -97,7 +97,7 @@ def test_of_equally_long_budgets_the_one_with_more_runs_is_shown(tmp_path: pathl
     for budget, seeds in (("overnight", "0-2"), ("paper", "0-1")):
         selected = ["--budget", budget, "--seeds", seeds, "--domain", "top-plate"]
         assert main([*common, *selected], work=fakes.WORKING) == 0
-    overview = pooled.stored(tmp_path)
+    overview = pooled.folder(tmp_path).overview
     assert overview["env_steps"].nunique() == 1
     assert dict(pooled.load(tmp_path).budgets) == {"top-plate": "overnight"}
 
@@ -114,7 +114,7 @@ def test_one_budget_can_be_asked_for(results: pathlib.Path) -> None:
 
 
 def test_overview_lists_what_is_stored(results: pathlib.Path) -> None:
-    overview = pooled.stored(results)
+    overview = pooled.folder(results).overview
     rows = overview[["budget", "domain", "agents", "runs", "env_steps"]].to_numpy().tolist()
     assert rows == [
         ["laptop", "hallway", 1, 2, 110_000],
