@@ -59,7 +59,7 @@ display.table(tables.normalised_returns(evidence))
 # %% [markdown]
 # ## What is stored
 #
-# Everything above shows, for each domain, the budget that trained it longest. This is what there is in all.
+# Everything above shows, for each domain, the longest budget of most agents. This is what there is in all.
 
 # %%
 display.overview()

@@ -59,7 +59,7 @@ display.figure(curves.success_curves(evidence.scores, evidence.agent_titles))
 # %% [markdown]
 # ## Where the layers start
 #
-# The paper does not say how weights start. Started as in the authors' code, the networks are nearly blind to the finger's position;
+# The paper does not say how weights start. Started as in the authors' code, the networks are nearly blind to the finger's position at first;
 # started as *ridges* (thresholds spread over the features' range) every agent sees it from the first step, grounded or not. The
 # table shows each preset that is stored, with steps and, in brackets, the number of runs.
 
