@@ -318,11 +318,9 @@ def _add_store(command: argparse.ArgumentParser, benchmark: Registry) -> None:
     command.add_argument(
         "--budget", default=default, help=f"{', '.join(benchmark.budgets)} (default: {default})"
     )
-    command.add_argument(
-        "--preset",
-        help=f"{', '.join(benchmark.presets)} (default: the budget's own, of {default} "
-        f"{benchmark.preset_of(default)})",
-    )
+    own = [f"{entry.preset} for {name}" for name, entry in benchmark.budgets.items() if entry.preset]
+    usual = ", ".join([*own, benchmark.defaults.preset + (" for the others" if own else "")])
+    command.add_argument("--preset", help=f"{', '.join(benchmark.presets)} (default: {usual})")
     command.add_argument(
         "--results",
         type=pathlib.Path,
@@ -338,6 +336,10 @@ def _add_selection(command: argparse.ArgumentParser, benchmark: Registry) -> Non
     command.add_argument("--seeds", type=parse_seeds, help="such as 0-9 or 0,2,5-7 (default: the budget's)")
 
 
+#: Far more than anybody trains, few enough to be listed.
+MAX_SEED = 999_999
+
+
 def parse_seeds(text: str) -> tuple[int, ...]:
     """Read a list of seeds and ranges such as ``0,2,5-7``."""
     seeds: set[int] = set()
@@ -347,6 +349,8 @@ def parse_seeds(text: str) -> tuple[int, ...]:
             raise argparse.ArgumentTypeError(
                 f"{part!r} is not a seed or a rising range; write 0-9 or 0,2,5-7"
             )
+        if int(last or first) > MAX_SEED:
+            raise argparse.ArgumentTypeError(f"seeds go up to {MAX_SEED}, not {last or first}")
         seeds.update(range(int(first), int(last or first) + 1))
     return tuple(sorted(seeds))
 

@@ -38,7 +38,7 @@ def export(results: pathlib.Path, archive: pathlib.Path, *, policies: bool = Tru
     StoreError
         The folder holds no results.
     """
-    folders = [*_KINDS, "tables", *(["policies"] if policies else [])]
+    folders = [*_KINDS, "measures", "tables", *(["policies"] if policies else [])]
     paths = {
         path.relative_to(results).as_posix(): path
         for store in merging.stores(results)

@@ -95,7 +95,7 @@ def _nothing(store: Store) -> str:
 
 def leading_tables(found: StoredEvidence) -> list[TextTable]:
     """Return what a reader asks first: the claims' verdicts, then the paper's tables with ours."""
-    shown = [tables.claim_lines(found.claims)]
+    shown = [tables.claim_lines(found.claims, found.remarks)]
     if found.family("classic"):
         shown.append(tables.raw_returns(found))
     if found.family("robot"):

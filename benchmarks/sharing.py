@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import pathlib
 from collections import Counter
 from typing import Any
@@ -16,7 +17,7 @@ from benchmarks.registry import Registry
 from benchmarks.rerun import rerun_and_compare
 from benchmarks.tasks import Work
 from bgn.results.environment import environment
-from bgn.results.store import Kind, Store, read_shard, writing_to
+from bgn.results.store import Kind, StorageError, Store, read_shard
 
 COMMANDS = ("merge", "export", "verify")
 _DONE, _FAILED = 0, 1
@@ -65,8 +66,11 @@ def _described(one: Merged) -> str:
 
 
 def _export(options: argparse.Namespace, work: Work, console: Console) -> int:
-    with writing_to(options.archive):
+    try:
         manifest = archive.export(options.results, options.archive, policies=not options.without_policies)
+    except OSError as error:
+        why = os.strerror(error.errno or 0)
+        raise StorageError(f"cannot write {options.archive}: {why}; choose another place") from error
     size = options.archive.stat().st_size
     _say(console, f"{len(manifest['files'])} files in {options.archive} ({size / 1e6:.1f} MB)")
     return _DONE

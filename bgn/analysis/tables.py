@@ -37,8 +37,11 @@ _LEGEND = "Verdicts: " + "; ".join(f"{mark} {verdict.value}" for verdict, mark i
 _CI = 1.96  # half-width of a 95 % interval in standard errors
 
 
-def claim_lines(claims: pd.DataFrame) -> TextTable:
-    """Return one line per claim of the paper: where it stands, what of it is judged, the verdict."""
+def claim_lines(claims: pd.DataFrame, remarks: Sequence[str] = ()) -> TextTable:
+    """Return one line per claim of the paper: where it stands, what of it is judged, the verdict.
+
+    ``remarks`` says of which results.
+    """
     rows = []
     for _, claim in claims.iterrows():
         section = str(claim["section"])
@@ -49,6 +52,7 @@ def claim_lines(claims: pd.DataFrame) -> TextTable:
     notes = [f"{len(claims)} claims: {total}. What the verdicts rest on: --all; word for word: CLAIMS.md."]
     if (claims["verdict"] == Answer.SHORT.value).any():
         notes.append("short: some of its runs are shorter than the paper's, which show too little to tell.")
+    notes += remarks
     return TextTable("What the paper claims", ["Where", "Claim", "Verdict"], rows, notes, labels=3)
 
 

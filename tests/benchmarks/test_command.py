@@ -269,6 +269,8 @@ def test_seeds() -> None:
     for bad in ("", "a", "3-1", "1-", "-1", "1,,2"):
         with pytest.raises(argparse.ArgumentTypeError, match="write 0-9"):
             parse_seeds(bad)
+    with pytest.raises(argparse.ArgumentTypeError, match="seeds go up to 999999, not 99999999999"):
+        parse_seeds("0-99999999999")  # refused before it is counted out
 
 
 @pytest.mark.parametrize("bad", [["--jobs", "0"], ["--seeds", "x"], ["--device", "tpu"]])

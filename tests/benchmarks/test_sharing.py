@@ -209,6 +209,20 @@ def rewritten(path: pathlib.Path, edit: Callable[[str, bytes], tuple[str, bytes]
             tar.addfile(member, io.BytesIO(content))
 
 
+def test_an_archive_that_cannot_be_written_says_so(results: pathlib.Path, capsys: Capture) -> None:
+    assert main(["export", "/proc/results.tar", "--results", str(results)]) == 3
+    assert "cannot write /proc/results.tar" in capsys.readouterr().err
+
+
+def test_what_was_measured_is_archived_too(results: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    run = RUN.format(0)
+    stored(results).write("measures", run, pa.table({"run": [run], "key": ["k"], "first_100_return": [0.5]}))
+    manifest = export(results, tmp_path / "results.tar")
+    assert any(f"/measures/{run}.parquet" in name for name in manifest["files"])
+    assert main(["verify", str(tmp_path / "results.tar")]) == 0
+    assert main(["verify", str(results)]) == 0
+
+
 def test_a_changed_archive_is_found_out(results: pathlib.Path, tmp_path: pathlib.Path) -> None:
     path = tmp_path / "results.tar"
     store = f"smoke/{stored(results).root.name}"
