@@ -107,7 +107,7 @@ def _run(selection: Selection, options: argparse.Namespace, work: Work, console:
         if clock.is_up():
             print("time is up; the same command goes on from here", file=sys.stderr)
         statuses = plan.statuses(requests, store)
-        report.show_tables(selection, store, console, write=True)
+        report.show_tables(selection, store, console, writing=contextlib.nullcontext())
     if all(status.state is State.CURRENT for status in statuses):
         return 0
     report.show_missing(statuses, console)
@@ -206,15 +206,14 @@ def _show_status(selection: Selection, options: argparse.Namespace, console: Con
 
 def _show_tables(selection: Selection, options: argparse.Namespace, console: Console) -> int:
     store = selection.store(options.results)
-    writes = options.write and store.root.is_dir()
-    with store.lock() if writes else contextlib.nullcontext(), writing_to(store.root):
+    with writing_to(store.root):
         report.show_tables(
             selection,
             store,
             console,
             everything=options.all,
             form=_FORMS.get(options.format),
-            write=options.write,
+            writing=store.lock() if options.write else None,
         )
     return 0
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from typing import Literal
 
 import pyarrow as pa
@@ -60,12 +61,13 @@ def show_tables(
     *,
     everything: bool = False,
     form: Form | None = None,
-    write: bool = False,
+    writing: AbstractContextManager[None] | None = None,
 ) -> None:
-    """Print the claims and tables of what is stored under the budget and preset; ``write`` all of them beside it too.
+    """Print the claims and tables of what is stored under the budget and preset.
 
     Without ``everything``: a line per claim, and the tables of returns and success rates. ``form`` prints them for
-    another program, not for the terminal.
+    another program, not for the terminal. Given ``writing``, all of them are also written beside the results, in that
+    context, after they are printed.
     """
     found = evidence.gather(selection.registry, selection.budget, selection.preset, store)
     if found.runs.empty and found.references.empty:
@@ -77,10 +79,11 @@ def show_tables(
             _print(table, console)
         else:
             print(getattr(table, form)())
-    if write:
-        _write(found, [*first, *rest], store)
+    if writing is not None:
+        with writing:
+            _write(found, [*first, *rest], store)
     if form is None:
-        said = [f"Written to {store.root / 'tables'}."] if write else []
+        said = [] if writing is None else [f"Written to {store.root / 'tables'}."]
         said += [] if everything else ["All tables: --all."]
         console.print(" ".join(said), highlight=False, soft_wrap=True)
 

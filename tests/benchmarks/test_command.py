@@ -257,10 +257,13 @@ def test_tables_are_not_written_into_a_store_that_another_process_writes(
     selection = smoke(tmp_path, "hallway", agents=["ab-cb"])
     assert main(["run", *selection, "--jobs", "1"], work=fakes.WORKING) == 0
     tables = ["tables", "--results", str(tmp_path), "--budget", "smoke"]
+    capsys.readouterr()
     with stored(tmp_path).lock():
         assert main(tables) == 0
         assert main([*tables, "--write"]) == 2
-    assert "is writing to" in capsys.readouterr().err
+    printed = capsys.readouterr()
+    assert "is writing to" in printed.err
+    assert printed.out.count("What the paper claims") == 2
 
 
 def test_seeds() -> None:
