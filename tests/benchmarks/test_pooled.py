@@ -14,23 +14,15 @@ PRESET = registry.load().defaults.preset
 OPENINGS = ("clean", "hidden-first-action")
 
 
+def command(folder: pathlib.Path, *more: str, preset: str = PRESET) -> list[str]:
+    return ["run", "--results", str(folder), "--jobs", "1", "--preset", preset, *more]
+
+
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
     """Hallway at two budgets, Hallway-2 at the shorter one."""
     folder = tmp_path_factory.mktemp("results")
-    common = [
-        "run",
-        "--results",
-        str(folder),
-        "--jobs",
-        "1",
-        "--seeds",
-        "0-1",
-        "--agent",
-        "ah-ch",
-        "--preset",
-        PRESET,
-    ]
+    common = command(folder, "--seeds", "0-1", "--agent", "ah-ch")
     short = ["--budget", "smoke", "--domain", "hallway", "hallway-2", "--reference", "random"]
     assert main([*common, *short], work=fakes.WORKING) == 0
     assert main([*common, "--budget", "laptop", "--domain", "hallway"], work=fakes.WORKING) == 0
@@ -55,11 +47,8 @@ def test_each_domain_comes_from_its_longest_budget(results: pathlib.Path) -> Non
 def test_reference_rows_belong_to_no_preset(results: pathlib.Path, tmp_path: pathlib.Path) -> None:
     """What a domain's own budget lacks is taken from wherever the present code evaluated most episodes."""
     folder = pathlib.Path(shutil.copytree(results, tmp_path / "results"))
-    command = ["run", "--results", str(folder), "--jobs", "1", "--domain", "hallway", "--reference"]
-    assert (
-        main([*command, "random", "qmdp", "--budget", "laptop", "--preset", "paper-text"], work=fakes.WORKING)
-        == 0
-    )
+    elsewhere = command(folder, "--budget", "laptop", "--domain", "hallway", preset="paper-text")
+    assert main([*elsewhere, "--reference", "random", "qmdp"], work=fakes.WORKING) == 0
     rows = pooled.load(folder, preset=PRESET).references.set_index("run")
     assert rows["budget"].to_dict() == {
         **{f"hallway/{name}/{opening}": "laptop" for name in ("random", "qmdp") for opening in OPENINGS},
@@ -71,29 +60,15 @@ def test_longer_runs_of_fewer_agents_are_named_but_not_shown(
     results: pathlib.Path, tmp_path: pathlib.Path
 ) -> None:
     folder = pathlib.Path(shutil.copytree(results, tmp_path / "results"))
-    more = [
-        "run",
-        "--preset",
-        PRESET,
-        "--results",
-        str(folder),
-        "--jobs",
-        "1",
-        "--seeds",
-        "0-1",
-        "--agent",
-        "ab-cb",
-        "--budget",
-        "smoke",
-    ]
-    assert main([*more, "--domain", "hallway"], work=fakes.WORKING) == 0
+    more = command(folder, "--seeds", "0-1", "--agent", "ab-cb", "--budget", "smoke", "--domain", "hallway")
+    assert main(more, work=fakes.WORKING) == 0
     found = pooled.load(folder)
     assert found.budgets["hallway"] == "smoke"
     assert "Not shown: 2 longer runs of 1 agent in hallway, 0.11 M steps: `--budget laptop`." in found.remarks
 
 
 def test_of_equally_long_budgets_the_one_with_more_runs_is_shown(tmp_path: pathlib.Path) -> None:
-    common = ["run", "--preset", PRESET, "--results", str(tmp_path), "--jobs", "1", "--agent", "ah-ch"]
+    common = command(tmp_path, "--agent", "ah-ch")
     for budget, seeds in (("overnight", "0-2"), ("paper", "0-1")):
         selected = ["--budget", budget, "--seeds", seeds, "--domain", "top-plate"]
         assert main([*common, *selected], work=fakes.WORKING) == 0

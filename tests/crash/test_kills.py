@@ -79,9 +79,8 @@ def test_kills(whole: tuple[Store, float], tmp_path: pathlib.Path) -> None:
         while kills < KILLS and len(before) < len(finished(reference)):
             died = disturb(tiny.start(tiny.arguments(results)), rng, seconds)
             kills += died
-            seconds *= (
-                1.1 if died else 0.5
-            )  # moments too late: the machine has become faster, or little is left
+            # Moments that come too late: the machine has become faster, or little is left to do.
+            seconds *= 1.1 if died else 0.5
             after = finished(store)
             assert_untouched(before, after)
             before = after
