@@ -8,9 +8,10 @@ import os
 import pathlib
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+
+from tests.waiting import await_
 
 ROOT = pathlib.Path(__file__).parents[2]
 _QUIET = ("--host", "127.0.0.1", "--no-dashboard")
@@ -63,14 +64,6 @@ class Cluster:
         environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])}
         with (self.folder / f"{program}.log").open("ab") as log:
             return subprocess.Popen(command, cwd=self.folder, env=environment, stdout=log, stderr=log)
-
-
-def await_(happened: Callable[[], object], what: str, seconds: float = 60.0) -> None:
-    """Wait until something happens; fail if it does not."""
-    deadline = time.monotonic() + seconds
-    while not happened():
-        assert time.monotonic() < deadline, f"no sign of {what}"
-        time.sleep(0.05)
 
 
 def checkpointed(results: pathlib.Path) -> list[int]:

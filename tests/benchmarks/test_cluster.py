@@ -31,7 +31,8 @@ from benchmarks.tasks import CellTask, Task, Work
 from bgn.results.store import Store
 from bgn.training.trainer import train_cell
 from tests.benchmarks import fakes
-from tests.benchmarks.dask_processes import Cluster, acting, alive, await_, checkpointed
+from tests.benchmarks.dask_processes import Cluster, acting, alive, checkpointed
+from tests.waiting import await_
 
 PRESET = registry.load().defaults.preset
 MEASURED = ["seconds"]

@@ -19,8 +19,9 @@ from benchmarks.tasks import CellTask
 from bgn.results.store import Store
 from bgn.training.trainer import train_cell
 from tests.benchmarks import fakes
-from tests.benchmarks.dask_processes import acting, await_, checkpointed
+from tests.benchmarks.dask_processes import acting, checkpointed
 from tests.benchmarks.slurm_daemons import Slurm, SlurmError, missing
+from tests.waiting import await_
 
 ASKED_FOR = "BGN_TEST_SLURM"
 

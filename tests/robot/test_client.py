@@ -4,21 +4,13 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 from bgn.robot.twin.client import TwinProcess
 from tests.robot.conftest import Evaluation
-
-
-def await_that(condition: Callable[[], bool], seconds: float = 3.0) -> None:
-    """Fail unless it holds before long."""
-    due = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < due
-        time.sleep(0.02)
+from tests.waiting import await_
 
 
 def test_it_connects_moves_stops_and_recovers(twin: TwinProcess) -> None:
@@ -43,13 +35,15 @@ def test_it_connects_moves_stops_and_recovers(twin: TwinProcess) -> None:
         assert not control.moveL([-2.0, 0, 0.2, np.pi, 0, 0], 0.1, 0.5)  # out of reach: the program ends
         assert not control.isProgramRunning()
         assert control.reuploadScript()
-        await_that(control.isProgramRunning)
+        await_(control.isProgramRunning, "a program that runs", seconds=3)
         joints = receive.getActualQ()
         joints[5] += 0.1
         assert control.moveJ(joints, 0.5, 1.0)
         assert control.getTCPOffset()[2] == pytest.approx(0.15)
         assert control.triggerProtectiveStop() in (True, False)
-        await_that(receive.isProtectiveStopped)  # its stream comes after the answer
+        await_(
+            receive.isProtectiveStopped, "a protective stop", seconds=3
+        )  # its stream comes after the answer
     finally:
         control.disconnect()
         receive.disconnect()
