@@ -18,7 +18,7 @@ from collections.abc import Generator, Iterator, Mapping, Sequence
 
 from rich.console import Console
 
-from benchmarks import adoption, plan, progress, registry, report, sharing
+from benchmarks import adoption, beginnings, plan, progress, registry, report, sharing
 from benchmarks.events import Event, Idle
 from benchmarks.executors import beside, packing, processes, sites, streams
 from benchmarks.executors.sites import SchedulerLostError
@@ -70,34 +70,54 @@ def _status(error: BgnError) -> int:
 def _command(benchmark: Registry, options: argparse.Namespace, work: Work, console: Console) -> int:
     if options.command in sharing.COMMANDS:
         return sharing.run(options, work, console)
-    selection = _select(benchmark, options)
-    if options.results != _RESULTS and not options.results.is_dir() and options.command != "run":
-        raise StoreError(f"--results {options.results}: there is no such folder")
     if options.command == "run":
-        _check_device(options)
-        return _run(selection, options, work, console)
+        return _run_budgets(_select_budgets(benchmark, options), options, work, console)
+    selection = _select(benchmark, options, options.budget)
+    if options.results != _RESULTS and not options.results.is_dir():
+        raise StoreError(f"--results {options.results}: there is no such folder")
     show = {"status": _show_status, "tables": _show_tables, "measure": _measure}[options.command]
     return show(selection, options, console)
 
 
-def _run(selection: Selection, options: argparse.Namespace, work: Work, console: Console) -> int:
+def _run_budgets(
+    selections: Sequence[Selection], options: argparse.Namespace, work: Work, console: Console
+) -> int:
+    """Run one budget after the other, those first whose training passes through the others'."""
+    _check_device(options)
+    clock = _Clock(options.time_limit)
+    with contextlib.ExitStack() as locks:
+        for selection in selections:
+            locks.enter_context(selection.store(options.results).lock())
+        return max(
+            _run(selection, selections[i + 1 :], options, work, console, clock)
+            for i, selection in enumerate(selections)
+        )
+
+
+def _run(
+    selection: Selection,
+    shorter: Sequence[Selection],
+    options: argparse.Namespace,
+    work: Work,
+    console: Console,
+    clock: _Clock,
+) -> int:
     store = selection.store(options.results)
     requests = selection.requests()
-    with store.lock(), writing_to(store.root):
+    with writing_to(store.root):
         for damage in quarantine.sweep(store):
             print(f"{damage}; its run is computed anew", file=sys.stderr)
         found = plan.statuses(requests, store)
         for request in [s.request for s in found if s.state is State.CURRENT]:
             discard_attempts(store, request.kind, request.run, request.origin.key)
-        missing = [s.request for s in found if s.state not in (State.CURRENT, State.INCOMPLETE)]
+        missing = plan.to_compute(found)
         adopted = adoption.adopt(missing, store, options.results)
         missing = [request for request in missing if request not in adopted]
         tasks = selection.tasks(missing, store, options.device)
         done = len(requests) - len(missing) - sum(status.state is State.INCOMPLETE for status in found)
         console.print(f"{done} of {len(requests)} runs and reference rows are done.", highlight=False)
-        clock = _Clock(options.time_limit)
         if tasks:
-            with _executor(tasks, options, work, console) as (parts, events):
+            with _executor(tasks, shorter, options, work, console) as (parts, events):
                 _show(parts, events, clock, console)
         if has_physics():
             found = plan.statuses(requests, store)
@@ -168,11 +188,17 @@ def _check_device(options: argparse.Namespace) -> None:
 
 @contextlib.contextmanager
 def _executor(
-    tasks: Sequence[Task], options: argparse.Namespace, work: Work, console: Console
+    tasks: Sequence[Task],
+    shorter: Sequence[Selection],
+    options: argparse.Namespace,
+    work: Work,
+    console: Console,
 ) -> Iterator[tuple[Sequence[Task], Generator[Event | Idle]]]:
     """Return the tasks as they will be done, and what happens while they are."""
     tasks = packing.along_checkpoints(tasks)
     if options.executor == sites.LOCAL:
+        if options.device == "cpu":  # on a GPU it was never tried
+            tasks = beginnings.take_along(tasks, shorter, options.results)
         yield tasks, _execute(tasks, options, work)
         return
     with sites.connect(options.executor, options.cluster) as site:
@@ -229,16 +255,22 @@ def _measure(selection: Selection, options: argparse.Namespace, console: Console
     return 0
 
 
-def _select(benchmark: Registry, options: argparse.Namespace) -> Selection:
-    budget = benchmark.budget(options.budget)
-    preset = options.preset or benchmark.preset_of(options.budget)
+def _select_budgets(benchmark: Registry, options: argparse.Namespace) -> list[Selection]:
+    """Return what is asked for of every budget, the longest training first."""
+    selections = [_select(benchmark, options, name) for name in dict.fromkeys(options.budget)]
+    return sorted(selections, key=lambda one: -one.env_steps())
+
+
+def _select(benchmark: Registry, options: argparse.Namespace, budget_name: str) -> Selection:
+    budget = benchmark.budget(budget_name)
+    preset = options.preset or benchmark.preset_of(budget_name)
     benchmark.select("preset", [preset])
     only_agents, only_references = options.agent is not None, options.reference is not None
     return Selection(
         registry=benchmark,
-        budget=options.budget,
+        budget=budget_name,
         preset=preset,
-        domains=benchmark.select_domains(options.domain, budget=options.budget),
+        domains=benchmark.select_domains(options.domain, budget=budget_name),
         agents=() if only_references and not only_agents else benchmark.select("agent", options.agent),
         references=(
             () if only_agents and not only_references else benchmark.select("reference", options.reference)
@@ -282,7 +314,7 @@ def _parser(benchmark: Registry) -> argparse.ArgumentParser:
     measure = commands.add_parser("measure", help="measure stored Hallway policies as the authors did")
     measure.set_defaults(domain=None, agent=None, reference=None, seeds=None)
     for command in (run, status, tables, measure):
-        _add_store(command, benchmark)
+        _add_store(command, benchmark, several_budgets=command is run)
     for command in (run, status):
         _add_selection(command, benchmark)
     sharing.add_commands(commands, benchmark)
@@ -311,12 +343,17 @@ def _parser(benchmark: Registry) -> argparse.ArgumentParser:
     return parser
 
 
-def _add_store(command: argparse.ArgumentParser, benchmark: Registry) -> None:
+def _add_store(
+    command: argparse.ArgumentParser, benchmark: Registry, *, several_budgets: bool = False
+) -> None:
     _add_registry(command)
     default = benchmark.defaults.budget
-    command.add_argument(
-        "--budget", default=default, help=f"{', '.join(benchmark.budgets)} (default: {default})"
-    )
+    known = f"{', '.join(benchmark.budgets)} (default: {default})"
+    if several_budgets:
+        several = f"one or several of {known}; what they have in common is trained once"
+        command.add_argument("--budget", nargs="+", default=[default], help=several)
+    else:
+        command.add_argument("--budget", default=default, help=known)
     own = [f"{entry.preset} for {name}" for name, entry in benchmark.budgets.items() if entry.preset]
     usual = ", ".join([*own, benchmark.defaults.preset + (" for the others" if own else "")])
     command.add_argument("--preset", help=f"{', '.join(benchmark.presets)} (default: {usual})")

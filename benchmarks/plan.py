@@ -79,6 +79,11 @@ class Selection:
         """Return the store of this budget and preset under a results folder."""
         return Store(results / self.budget / self.preset)
 
+    def env_steps(self) -> int:
+        """Return how many steps one run of every cell takes together."""
+        steps = self.registry.budget(self.budget).env_steps
+        return len(self.agents) * sum(steps.get(domain, 0) for domain in self.domains)
+
     def requests(self) -> list[Request]:
         """Return every run and reference row of the selection, but for domains that the budget leaves out.
 
@@ -193,6 +198,11 @@ def statuses(requests: Sequence[Request], store: Store) -> list[Status]:
     """Compare what is asked for with what is stored."""
     found = {kind: _by_run(store.read(kind)) for kind in ("runs", "references")}
     return [_status(request, found[request.kind].get(request.run, [])) for request in requests]
+
+
+def to_compute(found: Sequence[Status]) -> list[Request]:
+    """Return the requests that nothing stored answers, not even in part."""
+    return [status.request for status in found if status.state not in (State.CURRENT, State.INCOMPLETE)]
 
 
 def _by_run(rows: pd.DataFrame) -> dict[str, list[Mapping[str, str]]]:

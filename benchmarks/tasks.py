@@ -20,7 +20,7 @@ from bgn.results.atomic import write_atomically
 from bgn.results.provenance import Origin
 from bgn.results.run_ids import CellId, ReferenceId, RunId
 from bgn.results.store import Kind, StorageError, Store, read_shard, writing_to
-from bgn.training.cell import CellSpec, DeviceLostError, Progress, RunResult
+from bgn.training.cell import Beginning, CellSpec, DeviceLostError, Progress, RunResult
 from bgn.training.physics_evaluation import has_physics
 
 ProgressListener = Callable[[Progress], None]
@@ -38,12 +38,19 @@ class TrainCell(Protocol):
         checkpoint: pathlib.Path | None = ...,
         on_progress: ProgressListener | None = ...,
         physics: bool = ...,
+        beginnings: Sequence[Beginning] = ...,
     ) -> list[RunResult]:
         """Return one result per seed."""
 
 
-def train_cell(spec: CellSpec, seeds: Sequence[int], **options: Any) -> list[RunResult]:
+def train_cell(
+    spec: CellSpec, seeds: Sequence[int], *, beginnings: Sequence[Beginning] = (), **options: Any
+) -> list[RunResult]:
     """Call the trainer, importing torch only now, in the worker."""
+    if beginnings:
+        from bgn.training.beginnings import train_cell as lead
+
+        return lead(spec, seeds, beginnings=beginnings, **options)
     from bgn.training.trainer import train_cell as train
 
     return train(spec, seeds, **options)
@@ -138,6 +145,8 @@ class CellTask(_Task):
     spec: CellSpec
     seeds: tuple[int, ...]
     device: str
+    beginnings: tuple[Beginning, ...] = ()
+    """Shorter runs of other budgets, to be left on the way."""
 
     @property
     def name(self) -> str:
@@ -264,6 +273,7 @@ def _train(task: CellTask, work: Work, started_at: datetime.datetime, listener: 
         checkpoint=checkpoint,
         on_progress=listener,
         physics=task.device == "cpu",  # a GPU's cells run in threads, which must not wait for physics
+        beginnings=task.beginnings,
     )
     if tuple(result.seed for result in results) != task.seeds:
         raise ValueError(f"asked for seeds {task.seeds}, got {[result.seed for result in results]}")

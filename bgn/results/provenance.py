@@ -34,7 +34,7 @@ _WITHOUT: Final = (
     "bgn.domains.layout",  # for pictures
     "bgn.training.checkpoint:save",  # how a file is written
     "bgn.policies.saved:describe",  # how a file is read
-    "bgn.training.trainer:_Stack._resume",  # and found again: a resumed run is the same run
+    "bgn.training.trainer:Stack._resume",  # and found again: a resumed run is the same run
     "bgn.training.cuda",  # how cells share a GPU
 )
 

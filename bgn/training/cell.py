@@ -10,6 +10,8 @@ from bgn.agents.hyperparameters import CommonHyperparameters
 from bgn.errors import BgnError
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     import pandas as pd
     from torch import Tensor
 
@@ -32,6 +34,16 @@ class CellSpec:
     """Episodes of the final policy in MuJoCo physics (robot domains)."""
     variant: Mapping[str, str | int | float | bool] = field(default_factory=dict)
     """Keywords for the domain's builder; empty for the paper's definition."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Beginning:
+    """A shorter run of some seeds of a stack, see :mod:`bgn.training.beginnings`."""
+
+    spec: CellSpec
+    seeds: tuple[int, ...]
+    checkpoint: Path
+    """Where that run would look for its checkpoint."""
 
 
 class DeviceLostError(BgnError, RuntimeError):

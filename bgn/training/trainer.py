@@ -64,12 +64,12 @@ def train_cell(
         The GPU failed; nothing else can be run on it in this process.
     """
     where = torch.device(device)
-    with _one_thread(), lost_devices(where), own_stream(where):
-        return _Stack(spec, tuple(seeds), where, checkpoint, on_progress, physics).run()
+    with one_thread(), lost_devices(where), own_stream(where):
+        return Stack(spec, tuple(seeds), where, checkpoint, on_progress, physics).run()
 
 
 @contextmanager
-def _one_thread() -> Iterator[None]:
+def one_thread() -> Iterator[None]:
     """Keep to one thread: products and factorisations add up in an order that depends on the number."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
@@ -79,7 +79,7 @@ def _one_thread() -> Iterator[None]:
         torch.set_num_threads(threads)
 
 
-class _Stack:
+class Stack:
     """A stack of runs on its way."""
 
     def __init__(
@@ -105,6 +105,7 @@ class _Stack:
         self._resume()
 
     def run(self) -> list[RunResult]:
+        """Train to the end and evaluate; returns one result per seed."""
         try:
             with closing(self.runner):
                 self._train()
@@ -230,7 +231,7 @@ class _Stack:
 class _Clock:
     """Adds the time since it last ticked to a stack's wall and CPU seconds."""
 
-    def __init__(self, stack: _Stack) -> None:
+    def __init__(self, stack: Stack) -> None:
         self.stack, self.wall, self.cpu = stack, time.perf_counter(), time.thread_time()
 
     def tick(self) -> None:

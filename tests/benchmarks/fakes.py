@@ -18,7 +18,7 @@ from benchmarks.plan import Selection
 from benchmarks.tasks import ProgressListener, ReferenceSpec, Work, execute
 from bgn.results import schema
 from bgn.results.store import Store
-from bgn.training.cell import CellSpec, DeviceLostError, Progress, RunResult
+from bgn.training.cell import Beginning, CellSpec, DeviceLostError, Progress, RunResult
 
 FAILING_AGENT, DYING_AGENT = "ah-cs", "ab-cb"
 
@@ -31,6 +31,7 @@ def train_cell(
     checkpoint: pathlib.Path | None = None,
     on_progress: ProgressListener | None = None,
     physics: bool = True,
+    beginnings: Sequence[Beginning] = (),
 ) -> list[RunResult]:
     assert on_progress is not None
     for done in (spec.env_steps // 2, spec.env_steps):
@@ -54,6 +55,7 @@ def hang_before_checkpoint(
     on_progress: ProgressListener,
     device: str,
     physics: bool,
+    beginnings: Sequence[Beginning] = (),
 ) -> list[RunResult]:
     """Write a checkpoint and go on for ever; finish at once where there is one."""
     if not checkpoint.exists():

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from benchmarks import __main__ as command
-from benchmarks import registry
+from benchmarks import registry, tasks
 from benchmarks.plan import Selection
 from benchmarks.registry import Registry
 from benchmarks.tasks import Work
@@ -45,7 +45,7 @@ def tiny_registry() -> Registry:
 def train_cell(spec: CellSpec, seeds: Sequence[int], **options: Any) -> list[RunResult]:
     """Train in earnest, with many checkpoints."""
     trainer.CHECKPOINT_SECONDS, trainer.PROGRESS_SECONDS = 0.1, 0.05
-    return trainer.train_cell(spec, seeds, **options)
+    return tasks.train_cell(spec, seeds, **options)
 
 
 WORK = Work(train_cell=train_cell)
