@@ -29,7 +29,7 @@ from benchmarks.superfluous import discard_attempts
 from benchmarks.tasks import CellTask, ReferenceTask, Task, Work
 from bgn.errors import BgnError
 from bgn.results import quarantine
-from bgn.results.store import StorageError, StoreError, writing_to
+from bgn.results.store import StorageError, Store, StoreError, writing_to
 from bgn.training.physics_evaluation import has_physics
 
 _FAILED, _USAGE, _STORAGE = 1, 2, 3
@@ -88,10 +88,18 @@ def _run_budgets(
     with contextlib.ExitStack() as locks:
         for selection in selections:
             locks.enter_context(selection.store(options.results).lock())
+        for selection in selections:  # before any is read, also as another's beginnings
+            _sweep(selection.store(options.results))
         return max(
             _run(selection, selections[i + 1 :], options, work, console, clock)
             for i, selection in enumerate(selections)
         )
+
+
+def _sweep(store: Store) -> None:
+    with writing_to(store.root):
+        for damage in quarantine.sweep(store):
+            print(f"{damage}; its run is computed anew", file=sys.stderr)
 
 
 def _run(
@@ -105,8 +113,6 @@ def _run(
     store = selection.store(options.results)
     requests = selection.requests()
     with writing_to(store.root):
-        for damage in quarantine.sweep(store):
-            print(f"{damage}; its run is computed anew", file=sys.stderr)
         found = plan.statuses(requests, store)
         for request in [s.request for s in found if s.state is State.CURRENT]:
             discard_attempts(store, request.kind, request.run, request.origin.key)
@@ -115,8 +121,11 @@ def _run(
         missing = [request for request in missing if request not in adopted]
         tasks = selection.tasks(missing, store, options.device)
         done = len(requests) - len(missing) - sum(status.state is State.INCOMPLETE for status in found)
-        console.print(f"{done} of {len(requests)} runs and reference rows are done.", highlight=False)
-        if tasks:
+        asked = f"{selection.budget}, {selection.preset}"
+        console.print(
+            f"{done} of {len(requests)} runs and reference rows are done ({asked}).", highlight=False
+        )
+        if tasks and not clock.is_up():
             with _executor(tasks, shorter, options, work, console) as (parts, events):
                 _show(parts, events, clock, console)
         if has_physics():
@@ -298,11 +307,15 @@ def _add_registry(parser: argparse.ArgumentParser) -> None:
 
 
 def _parser(benchmark: Registry) -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__, allow_abbrev=False)
     commands = parser.add_subparsers(dest="command", required=True)
-    run = commands.add_parser("run", help="compute what is missing, then print the tables")
-    status = commands.add_parser("status", help="say which runs are done, older, failed or missing")
-    tables = commands.add_parser("tables", help="print the tables of everything stored")
+    run = commands.add_parser(
+        "run", help="compute what is missing, then print the tables", allow_abbrev=False
+    )
+    status = commands.add_parser(
+        "status", help="say which runs are done, older, failed or missing", allow_abbrev=False
+    )
+    tables = commands.add_parser("tables", help="print the tables of everything stored", allow_abbrev=False)
     tables.set_defaults(domain=None, agent=None, reference=None, seeds=None)
     tables.add_argument(
         "--all", action="store_true", help="also what the verdicts rest on and every other metric"
@@ -311,7 +324,9 @@ def _parser(benchmark: Registry) -> argparse.ArgumentParser:
         "--write", action="store_true", help="write them beside the results too, as `run` does"
     )
     tables.add_argument("--format", choices=tuple(_FORMS), help="print for another program")
-    measure = commands.add_parser("measure", help="measure stored Hallway policies as the authors did")
+    measure = commands.add_parser(
+        "measure", help="measure stored Hallway policies as the authors did", allow_abbrev=False
+    )
     measure.set_defaults(domain=None, agent=None, reference=None, seeds=None)
     for command in (run, status, tables, measure):
         _add_store(command, benchmark, several_budgets=command is run)
@@ -350,7 +365,9 @@ def _add_store(
     default = benchmark.defaults.budget
     known = f"{', '.join(benchmark.budgets)} (default: {default})"
     if several_budgets:
-        several = f"one or several of {known}; what they have in common is trained once"
+        several = (
+            f"one or several of {known}; on a CPU, runs that begin alike are trained once where possible"
+        )
         command.add_argument("--budget", nargs="+", default=[default], help=several)
     else:
         command.add_argument("--budget", default=default, help=known)

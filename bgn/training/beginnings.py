@@ -89,7 +89,7 @@ class _LeadingRunner(UpdateRunner):
         of_update = recorder.losses.clone()
         recorder.losses.add_(before)
         for follower in self._stack.followers:
-            if follower.done == index:
+            if follower.done == index < follower.updates:
                 follower.follow(of_update)
 
 

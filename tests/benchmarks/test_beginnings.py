@@ -172,6 +172,16 @@ def test_a_store_that_is_in_use_stops_the_call_before_anything_is_computed(
     assert Store(tmp_path / "paper" / PRESET).read("runs").empty
 
 
+def test_damaged_rows_of_a_shorter_budget_are_set_aside_first(
+    tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shard = Store(tmp_path / "overnight" / PRESET).shard("runs", "two-bumps-2d/ah-ch/seed-0")
+    shard.parent.mkdir(parents=True)
+    shard.write_bytes(b"garbage")
+    assert main(command(tmp_path, "paper", "overnight"), work=fakes.WORKING) == 0
+    assert "its run is computed anew" in capsys.readouterr().err
+
+
 def test_a_failure_in_any_budget_is_told(shipped_but_short: Registry, tmp_path: pathlib.Path) -> None:
     arguments = command(tmp_path, "paper", "overnight")
     arguments[arguments.index("ah-ch")] = fakes.FAILING_AGENT
