@@ -60,7 +60,8 @@ class Judgement:
     detectable: float = math.nan
     """The true difference that the test sees in four cases of five, were it the first of its family (Holm)."""
     power: float = math.nan
-    """The chance that TOST finds equal means equivalent, were it the first of its family (Holm)."""
+    """The chance that equal means are found equivalent, were it the first of its family (Holm); as the p-value, it
+    takes the least favourable values that print as the paper's."""
     attainable: bool = True
     """Whether ten seeds of the paper's mean and spread would be found equivalent without any correction."""
 
@@ -83,7 +84,7 @@ def judge_numbers(ours: Mapping[Cell, Sample], tolerances: Mapping[str, float]) 
             p_differ,
             p_equal,
             detectable_gap(sample, theirs, level=level),
-            equivalence_power(sample, theirs, tolerance=tolerance, level=level),
+            rounded_equivalence_power(sample, printed, tolerance=tolerance, level=level),
             attainable(printed, tolerance=tolerance),
         )
     return judgements
@@ -101,6 +102,13 @@ def rounded_equivalence_p(ours: Sample, printed: Printed, *, tolerance: float) -
     corners = itertools.product(_rounding(printed.mean), _deviations(printed))
     theirs = [Sample(mean, sd, paper.SEEDS) for mean, sd in corners]
     return max(equivalence_p(ours, sample, tolerance=tolerance) for sample in theirs)
+
+
+def rounded_equivalence_power(ours: Sample, printed: Printed, *, tolerance: float, level: float) -> float:
+    """Return the power of :func:`rounded_equivalence_p` at ``level``: rounding takes its share of the tolerance."""
+    low, high = _rounding(printed.mean)
+    widest = Sample(printed.mean, max(_deviations(printed)), paper.SEEDS)
+    return equivalence_power(ours, widest, tolerance=tolerance - (high - low) / 2, level=level)
 
 
 def attainable(printed: Printed, *, tolerance: float) -> bool:
