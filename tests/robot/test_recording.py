@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
 
@@ -25,6 +26,20 @@ from bgn.robot.statistics import clopper_pearson
 from bgn.robot.worker import COLUMNS
 
 ABOUT = {"kind": "episode", "task": "two-bumps-1d", "number": 0, "x": 1, "y": 2, "attempt": 1}
+
+
+PUBLISHED = Path(__file__).parents[2] / "results" / "published" / "robot"
+
+
+@pytest.mark.parametrize(
+    "session", sorted(PUBLISHED.glob("*/session.json")), ids=lambda path: path.parent.name
+)
+def test_published_sessions_name_policies_that_are_there(session: Path) -> None:
+    policies = json.loads(session.read_text())["policies"]
+    assert policies
+    for task, policy in policies.items():
+        content = (PUBLISHED.parents[2] / policy["path"]).read_bytes()
+        assert hashlib.sha256(content).hexdigest() == policy["sha256"], task
 
 
 def row(number: int) -> tuple[float, ...]:
