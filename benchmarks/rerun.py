@@ -79,6 +79,11 @@ def _row(store: Store, run: str) -> tuple[Kind, dict[str, Any]]:
         path = store.shard(kind, run)
         if path.is_file():
             return kind, {str(name): value for name, value in pd.read_parquet(path).iloc[0].items()}
+    results = store.root.parents[1]
+    if not store.root.is_dir() and results.is_dir():
+        stored = sorted(str(folder.relative_to(results)) for folder in results.glob("*/*/runs"))
+        names = ", ".join(name.removesuffix("/runs") for name in stored) or "nothing"
+        raise RerunError(f"{results} holds nothing of {store.root.relative_to(results)}; it holds {names}")
     raise RerunError(f"{store.root} holds no finished {run!r}; runs are called like hallway/ah-ch/seed-0")
 
 

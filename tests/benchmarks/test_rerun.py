@@ -102,6 +102,12 @@ def _with_row(store: Store, row: pa.Table) -> Store:
     return copy
 
 
+def test_a_store_that_is_not_there_is_refused(store: Store) -> None:
+    other = Store(store.root.parent / "calibratde")
+    with pytest.raises(RerunError, match=f"nothing of smoke/calibratde; it holds .*smoke/{store.root.name}"):
+        rerun_and_compare(other, RUN, BRIEF)
+
+
 def test_an_unknown_run_is_refused(store: Store) -> None:
     with pytest.raises(RerunError, match="no finished 'hallway/ab-cb/seed-7'"):
         rerun_and_compare(store, "hallway/ab-cb/seed-7", BRIEF)
