@@ -125,7 +125,8 @@ class ResultsFolder:
                 f"{self.path} holds no runs of {budget or 'any budget'}/{preset}; "
                 f"stored: {', '.join(have) or 'nothing'}"
             )
-        ranked = chosen.sort_values(["agents", "env_steps", "runs"], kind="stable")
+        judged = chosen["budget"] == self.registry.defaults.judged_budget
+        ranked = chosen.assign(judged=judged).sort_values(["agents", "env_steps", "runs", "judged"])
         longest = ranked.groupby("domain").last()["budget"]
         parts = {
             b: evidence.load(self.path, budget=b, preset=preset, registry=self.registry)
@@ -156,7 +157,8 @@ def load(
 ) -> PooledEvidence:
     """Read, for each domain, the longest runs of most agents of a preset (or those of one budget).
 
-    Of budgets that are equal in both, as `overnight` and `paper` are in two robot domains, the one with more runs.
+    Of budgets that are equal in both, as `overnight` and `paper` are in two robot domains, the one with more runs, and
+    of equals in that too the one that is judged.
 
     Raises
     ------

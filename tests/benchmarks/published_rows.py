@@ -115,7 +115,7 @@ def read(budget: str, preset: str) -> Rows:
 def longest(preset: str) -> tuple[Rows, dict[str, str]]:
     """Return, for each domain, the runs of the longest budget of most agents, and which budget that is.
 
-    Of equally long ones it is that with more runs.
+    Of equally long ones it is that with more runs, of equals in that too the one that is judged.
     """
     parts = {budget: read(budget, preset) for budget, name in stores() if name == preset}
     rows, budgets = Rows(), {}
@@ -123,7 +123,7 @@ def longest(preset: str) -> tuple[Rows, dict[str, str]]:
         of_domain = {budget: [c for c in part.runs if c[0] == domain] for budget, part in parts.items()}
         sizes = {b: _size(parts[b], cells) for b, cells in of_domain.items() if cells}
         if sizes:
-            budgets[domain] = chosen = max(sizes, key=lambda budget: sizes[budget])
+            budgets[domain] = chosen = max(sizes, key=lambda budget: (sizes[budget], budget == "paper"))
             rows.runs |= {cell: parts[chosen].runs[cell] for cell in of_domain[chosen]}
             rows.curves |= {cell: parts[chosen].curves[cell] for cell in of_domain[chosen]}
             rows.references |= {k: r for k, r in lent_references().items() if k[0] == domain}
