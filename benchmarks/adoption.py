@@ -24,11 +24,11 @@ def adopt(requests: Sequence[Request], store: Store, results: pathlib.Path) -> l
 
     The store must be locked by the caller.
     """
-    others = [other for other in _stores(results) if other.root.resolve() != store.root.resolve()]
+    others = [other for other in stores_of(results) if other.root.resolve() != store.root.resolve()]
     return [request for request in requests if _adopt(request, store, others)]
 
 
-def _stores(results: pathlib.Path) -> Iterator[Store]:
+def stores_of(results: pathlib.Path) -> Iterator[Store]:
     """Yield the store of every budget and preset, in the order of their names."""
     for folder in sorted(results.glob("*/*")):
         if (folder / "runs").is_dir() or (folder / "references").is_dir():

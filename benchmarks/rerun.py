@@ -9,6 +9,7 @@ from typing import Any
 
 import pandas as pd
 
+from benchmarks.adoption import name_of, stores_of
 from benchmarks.retraining import Fingerprint, fingerprint, of_metrics
 from benchmarks.tasks import ReferenceSpec, Work
 from bgn.agents.hyperparameters import Hyperparameters
@@ -81,9 +82,8 @@ def _row(store: Store, run: str) -> tuple[Kind, dict[str, Any]]:
             return kind, {str(name): value for name, value in pd.read_parquet(path).iloc[0].items()}
     results = store.root.parents[1]
     if not store.root.is_dir() and results.is_dir():
-        stored = sorted(str(folder.relative_to(results)) for folder in results.glob("*/*/runs"))
-        names = ", ".join(name.removesuffix("/runs") for name in stored) or "nothing"
-        raise RerunError(f"{results} holds nothing of {store.root.relative_to(results)}; it holds {names}")
+        names = ", ".join(name_of(other) for other in stores_of(results)) or "nothing"
+        raise RerunError(f"{results} holds nothing of {name_of(store)}; it holds {names}")
     raise RerunError(f"{store.root} holds no finished {run!r}; runs are called like hallway/ah-ch/seed-0")
 
 

@@ -142,7 +142,7 @@ def test_other_cells_settings_and_references_take_nothing_along(
         replace(selection(shipped_but_short, "overnight", "two-bumps-2d", 0), agents=("ah-cs",)),
         replace(selection(shipped_but_short, "overnight", "two-bumps-2d", 0), preset="ridge-start"),
         selection(shipped_but_short, "overnight", "two-bumps-2d", 7),
-        replace(selection(shipped_but_short, "paper", "two-bumps-2d", 0)),
+        selection(shipped_but_short, "paper", "two-bumps-2d", 0),
     ]
     assert take_along([long, row], others, tmp_path) == [long, row]
 
