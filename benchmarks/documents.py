@@ -108,7 +108,7 @@ def claims_text(found: PooledEvidence) -> str:
         answers.claims_verdicts(found.claims),
         "",
         "*holds*: every comparison is significant by itself. *does not hold*: one is significantly contradicted. "
-        "*short*: runs are shorter than the paper's. *By Table 7*: the same question put to its own numbers.",
+        "*short*: runs are shorter than the paper's. *By Table 6*: the same question put to its own numbers.",
     ]
     section = ""
     for _, claim in found.claims.iterrows():
@@ -130,7 +130,7 @@ def _facts(claim: pd.Series) -> list[str]:
         f"**{claim['verdict']}**",
         claim["statistic"],
         f"n = {claim['runs']}, {claim['env_steps']} steps, {cells}" if claim["runs"] else cells,
-        f"by Table 7: {claim['by_table_7']}" if claim["by_table_7"] else "",
+        f"by Table 6: {claim['by_table_6']}" if claim["by_table_6"] else "",
         f"[{claim['notebook']}](notebooks/{claim['notebook']}.ipynb#Verdict)",
     ]
     return [fact for fact in facts if fact]

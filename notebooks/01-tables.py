@@ -15,7 +15,7 @@
 # # 01 · Do the paper's numbers come out again?
 #
 # The paper prints twenty numbers for its agents: four classic domains by five agents, the mean ± standard deviation of ten
-# seeds (Table 7). This page sets ours beside them and says, for each, whether it is the same number.
+# seeds (Table 6). This page sets ours beside them and says, for each, whether it is the same number.
 
 # %%
 from benchmarks.notebooks import display
@@ -47,7 +47,7 @@ display.figure(across.every_seed(evidence.scores, evidence.agent_titles, "classi
 display.table(tables.raw_returns(evidence))
 
 # %% [markdown]
-# ## Normalised, as Table 8, and on one scale
+# ## Normalised, as Table 7, and on one scale
 #
 # The paper scales returns so that Random is 0 and SARSOP is 1. It mixes two kinds of episode, though: its agents and Random
 # start with an unseen random action, its SARSOP does not. Under the rows marked *alike* everyone starts the same way, and the
@@ -67,7 +67,7 @@ display.overview()
 # %% [markdown]
 # ## Verdict
 #
-# "By Table 7 itself" is the same question put to the paper's own numbers: some of its sentences say more than its table.
+# "By Table 6 itself" is the same question put to the paper's own numbers: some of its sentences say more than its table.
 
 # %%
 display.verdicts(evidence, "01-tables")

@@ -292,7 +292,7 @@ def _rests_on(claim: pd.Series) -> str:
         claim["statistic"],
         f"n = {claim['runs']}" if claim["runs"] else "",
         f"{claim['env_steps']} steps" if claim["env_steps"] else "",
-        f"by Table 7 itself: {claim['by_table_7']}" if claim["by_table_7"] else "",
+        f"by Table 6 itself: {claim['by_table_6']}" if claim["by_table_6"] else "",
     ]
     return "; ".join(part for part in parts if part)
 

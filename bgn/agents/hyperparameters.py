@@ -27,7 +27,7 @@ class CommonHyperparameters:
 
 @dataclass(frozen=True, kw_only=True)
 class Hyperparameters(CommonHyperparameters):
-    """Settings of A2C and of the networks (paper, Table 2 and Appendix B)."""
+    """Settings of A2C and of the networks (paper, Table 1 and Appendix B)."""
 
     lanes: int = 16
     """Environment instances acting side by side ("number of actors")."""

@@ -15,9 +15,9 @@ from torch import Tensor
 
 from bgn.agents.parameters import Initialiser, Parameters, normal, orthogonal, zeros
 
-#: Width of every hidden layer (paper, Tables 3 and 4).
+#: Width of every hidden layer (paper, Tables 2 and 3).
 HIDDEN = 256
-#: Width of an embedding (paper, Table 3).
+#: Width of an embedding (paper, Table 2).
 EMBEDDING = 128
 
 

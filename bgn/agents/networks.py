@@ -19,7 +19,7 @@ from bgn.agents.specs import AgentSpec, InputKind
 from bgn.domains.domain import Domain
 from bgn.simulation.table_world import Inputs
 
-#: FC(256) + tanh layers of a feed-forward branch (paper, Tables 3 and 4).
+#: FC(256) + tanh layers of a feed-forward branch (paper, Tables 2 and 3).
 FEEDFORWARD_LAYERS = 2
 POLICY_GAIN, VALUE_GAIN = 0.01, 2**0.5
 

@@ -17,7 +17,7 @@ GROUNDED, PLAIN = "ah-ch+bgn", "ah-ch"
 
 
 def numbers(evidence: Evidence) -> str:
-    """Say how many of Table 7's numbers come out again."""
+    """Say how many of Table 6's numbers come out again."""
     cells = evidence.cells[evidence.cells["reference_kind"] == "numeric"]
     counts = cells["verdict"].value_counts()
     same = int(counts.get(Verdict.REPRODUCED.value, 0) + counts.get(Verdict.NEGLIGIBLE_SHIFT.value, 0))

@@ -46,7 +46,7 @@ HISTORY = ("ah-cs", "ah-cb", "ah-ch")
 #: What "roughly the same" may differ by, and below what a success rate is "bad": half of what is possible.
 ROUGHLY = 0.1
 BAD = 0.5
-#: What "coming close" is: a normalised return (as in Table 8) above .9; the paper's are .94 and .95.
+#: What "coming close" is: a normalised return (as in Table 7) above .9; the paper's are .94 and .95.
 CLOSE = 0.9
 #: What an accurate reconstruction may be off by: a uniform belief over TwoBumps-1D's 39 pairs is off by up to 3.7 nats.
 ACCURATE_NATS = 0.1
@@ -175,7 +175,7 @@ CLAIMS: tuple[Claim, ...] = (
         "5.1",
         "In the better-performing group, Ah-Ch + BGN and Ab-Cb perform similarly in each environment, matching "
         "SARSOP's performance in the Hallway domains and coming close to it in the RockSample domains.",
-        "both above .9 of SARSOP in RockSample (normalised as Table 8)",
+        "both above .9 of SARSOP in RockSample (normalised as Table 7)",
         ComesClose((BGN, "ab-cb"), ROCKSAMPLES, CLOSE),
         _TABLES,
     ),
@@ -461,10 +461,10 @@ CLAIMS: tuple[Claim, ...] = (
 
 
 class PrintedScores(Scores):
-    """The paper's own Table 7 in place of runs, to ask its claims of its own numbers."""
+    """The paper's own Table 6 in place of runs, to ask its claims of its own numbers."""
 
     def has(self, cell: Cell) -> bool:
-        """Say whether Table 7 has the cell."""
+        """Say whether Table 6 has the cell."""
         return cell in paper.RETURNS
 
     def is_short(self, cell: Cell) -> bool:
@@ -482,7 +482,7 @@ _OF_SAMPLES = (Better, Similar, MatchesIn, OrderVaries)
 
 
 def own_numbers(claim: Claim, domains: Sequence[DomainRow]) -> Finding | None:
-    """Judge a claim by Table 7 alone; None where it prints nothing to judge by."""
+    """Judge a claim by Table 6 alone; None where it prints nothing to judge by."""
     if not isinstance(claim.criterion, _OF_SAMPLES) or not any(
         c in paper.RETURNS for c in claim.criterion.cells
     ):
@@ -516,7 +516,7 @@ def judge_claims(scores: Scores, claims: Sequence[Claim] = CLAIMS) -> pd.DataFra
                 "env_steps": _range(steps),
                 "verdict": finding.answer.value,
                 "statistic": finding.statistic,
-                "by_table_7": own.answer.value if own else "",
+                "by_table_6": own.answer.value if own else "",
                 "notebook": claim.notebook,
             }
         )

@@ -244,7 +244,7 @@ class MatchesReference:
 
 @dataclass(frozen=True)
 class ComesClose:
-    """Agents reach a share of the upper reference row, normalised as the paper's Table 8."""
+    """Agents reach a share of the upper reference row, normalised as the paper's Table 7."""
 
     agents: tuple[str, ...]
     domains: tuple[str, ...]

@@ -1,7 +1,7 @@
-"""What the paper prints: the raw returns of Appendix D (Table 7) and its statements about single cells.
+"""What the paper prints: the raw returns of Appendix D (Table 6) and its statements about single cells.
 
 Every number and claim of the paper stands here and nowhere else. Normalised returns are always recomputed
-from the raw ones: three standard deviations of the paper's Table 8 do not follow from its Table 7.
+from the raw ones: three standard deviations of the paper's Table 7 do not follow from its Table 6.
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ from typing import Literal
 
 #: Seeds behind every mean of an agent (Appendix D).
 SEEDS = 10
-#: Half a unit of the last printed digit: Table 7 rounds to two decimals (and drops trailing zeros in places).
+#: Half a unit of the last printed digit: Table 6 rounds to two decimals (and drops trailing zeros in places).
 HALF_UNIT = 0.005
 
-#: Agents in the order of Table 7; Ab-Cb+BGN appears in Section 5.4 only.
+#: Agents in the order of Table 6; Ab-Cb+BGN appears in Section 5.4 only.
 AGENTS = ("ah-ch", "ah-ch+bgn", "ah-cs", "ab-cb", "ah-cb", "ab-cb+bgn")
 
 
@@ -26,7 +26,7 @@ class Printed:
     sd: float
 
 
-#: Table 7, agents: mean ± standard deviation over seeds (of the population: the authors' code uses ddof 0).
+#: Table 6, agents: mean ± standard deviation over seeds (of the population: the authors' code uses ddof 0).
 RETURNS = {
     ("hallway", "ah-ch"): Printed(0.50, 0.02),
     ("hallway", "ah-ch+bgn"): Printed(0.54, 0.01),
@@ -50,7 +50,7 @@ RETURNS = {
     ("rocksample-5-5", "ah-cb"): Printed(6.53, 0.08),
 }
 
-#: Table 7, reference rows. Random's ± can only be that of single episodes; SARSOP's fits no one definition.
+#: Table 6, reference rows. Random's ± can only be that of single episodes; SARSOP's fits no one definition.
 REFERENCE_RETURNS = {
     ("hallway", "sarsop"): Printed(0.53, 0.05),
     ("hallway", "random"): Printed(0.05, 0.15),

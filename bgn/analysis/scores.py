@@ -153,7 +153,7 @@ class Scores:
     def shares(self, cell: Cell) -> Array:
         """Return a cell's values as shares of the best reference's, episodes opening alike (empty without one).
 
-        Unlike Table 8, which normalises by Random as well: RockSample's -62 would press all agents into .85 to 1.
+        Unlike Table 7, which normalises by Random as well: RockSample's -62 would press all agents into .85 to 1.
         """
         scale = self.scale(cell[0])
         return np.empty(0) if scale is None else self.values(cell) / scale.upper

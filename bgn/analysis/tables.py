@@ -57,23 +57,23 @@ def claim_lines(claims: pd.DataFrame, remarks: Sequence[str] = ()) -> TextTable:
 
 
 def claim_details(claims: pd.DataFrame) -> TextTable:
-    """Return the statistic behind each verdict, with runs, horizon and what Table 7 itself says."""
+    """Return the statistic behind each verdict, with runs, horizon and what Table 6 itself says."""
     rows = []
     for _, claim in claims.iterrows():
         words = [
-            str(claim[name]) for name in ("claim", "verdict", "statistic", "runs", "env_steps", "by_table_7")
+            str(claim[name]) for name in ("claim", "verdict", "statistic", "runs", "env_steps", "by_table_6")
         ]
         rows.append([*words[:4], _short_steps(words[4]), words[5]])
-    columns = ["Claim", "Verdict", "Statistic", "Runs", "Steps", "By Table 7"]
+    columns = ["Claim", "Verdict", "Statistic", "Runs", "Steps", "By Table 6"]
     notes = [
-        "Runs and steps: per cell, the fewest and the most. By Table 7: the same question put to the paper's own "
+        "Runs and steps: per cell, the fewest and the most. By Table 6: the same question put to the paper's own "
         "numbers, where it prints any.",
     ]
     return TextTable("Claims: what the verdicts rest on", columns, rows, notes, labels=6)
 
 
 def raw_returns(evidence: Evidence) -> TextTable:
-    """Return Table 7 of the paper, turned: ours above the paper's in the same block, with verdict, n and power."""
+    """Return Table 6 of the paper, turned: ours above the paper's in the same block, with verdict, n and power."""
     domains = evidence.family("classic")
     rows = []
     for agent, title in evidence.agent_titles.items():
@@ -118,11 +118,11 @@ def raw_returns(evidence: Evidence) -> TextTable:
         ),
         *evidence.remarks,
     ]
-    return TextTable("Raw returns (paper, Table 7)", ["Agent", "", *(d.title for d in domains)], rows, notes)
+    return TextTable("Raw returns (paper, Table 6)", ["Agent", "", *(d.title for d in domains)], rows, notes)
 
 
 def normalised_returns(evidence: Evidence) -> TextTable:
-    """Return Table 8 of the paper under its own mixed convention and under one consistent convention."""
+    """Return Table 7 of the paper under its own mixed convention and under one consistent convention."""
     frame = normalised_frame(evidence)
     rows = []
     for domain in evidence.family("classic"):
@@ -143,7 +143,7 @@ def normalised_returns(evidence: Evidence) -> TextTable:
                 rows.append([title, f"{source}{label}{borrowed}", *texts])
                 title = ""
     notes = [
-        "(return - Random) / (SARSOP - Random), Appendix D; the paper's rows follow from its Table 7.",
+        "(return - Random) / (SARSOP - Random), Appendix D; the paper's rows follow from its Table 6.",
         "SARSOP from a clean start, agents and Random after a hidden, uniformly random first "
         "action, as behind the paper's table; alike: all rows after that hidden action, which ends 2/9 "
         "(RockSample[4,4]) and 1/5 ([5,5]) of the episodes before the agent acts, for the best policy too.",
@@ -151,7 +151,7 @@ def normalised_returns(evidence: Evidence) -> TextTable:
     if bool(frame["borrowed"].any()):
         notes.append("†: SARSOP or Random is the paper's number, since ours is not stored yet.")
     return TextTable(
-        "Normalised returns (paper, Table 8)", ["Domain", "", *evidence.agent_titles.values()], rows, notes
+        "Normalised returns (paper, Table 7)", ["Domain", "", *evidence.agent_titles.values()], rows, notes
     )
 
 
@@ -173,7 +173,7 @@ def normalised_frame(evidence: Evidence) -> pd.DataFrame:
 
 
 def success_rates(evidence: Evidence) -> TextTable:
-    """Return the success rates of the robot domains (paper, Figures 4 and 8, which print no numbers)."""
+    """Return the success rates of the robot domains (paper, Figures 4 and 7, which print no numbers)."""
     domains = evidence.family("robot")
     rows = []
     for agent, title in evidence.agent_titles.items():

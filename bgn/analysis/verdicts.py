@@ -1,7 +1,7 @@
 """Judges a cell against what the paper offers for it: numbers, a claim, or nothing.
 
 A number is judged by two questions at once. Does ours differ (Welch's test)? Is it equivalent within a tolerance
-fixed beforehand (two one-sided tests)? Either family of tests is Holm-corrected over all numbers of Table 7. The
+fixed beforehand (two one-sided tests)? Either family of tests is Holm-corrected over all numbers of Table 6. The
 paper's values are rounded, so each test is put to the least favourable values that print the same.
 
 Runs shorter than the horizon of the paper get no verdict: early on, agents that will differ still do the same.
@@ -67,7 +67,7 @@ class Judgement:
 
 
 def judge_numbers(ours: Mapping[Cell, Sample], tolerances: Mapping[str, float]) -> dict[Cell, Judgement]:
-    """Judge every (domain, agent) of Table 7 for which there are runs; ``tolerances`` are by domain."""
+    """Judge every (domain, agent) of Table 6 for which there are runs; ``tolerances`` are by domain."""
     judged = {cell: sample for cell, sample in ours.items() if cell in paper.RETURNS and sample.n > 1}
     pairs = [(sample, paper.RETURNS[cell], tolerances[cell[0]]) for cell, sample in judged.items()]
     family = len(paper.RETURNS)

@@ -1,4 +1,4 @@
-"""The sizes of all domains beside those the paper prints (Tables 5 and 6)."""
+"""The sizes of all domains beside those the paper prints (Tables 4 and 5)."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def properties(domain: Domain) -> Properties:
 def overview() -> Table:
     """Return the table of all domains; what differs from the paper shows the paper's value below it."""
     table = Table(
-        title="Domains", caption="In brackets: what the paper prints (Tables 5 and 6), where it differs."
+        title="Domains", caption="In brackets: what the paper prints (Tables 4 and 5), where it differs."
     )
     table.add_column("id", no_wrap=True)
     table.add_column("name", no_wrap=True)

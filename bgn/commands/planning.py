@@ -13,7 +13,7 @@ from bgn.domains.episode_opening import CLEAN, EpisodeOpening
 from bgn.domains.from_file import FileDomain
 from bgn.planning.sarsop import PlanningError
 
-#: Counted steps of an episode in a file's model, as in the paper's classic domains (Table 5).
+#: Counted steps of an episode in a file's model, as in the paper's classic domains (Table 4).
 FILE_EPISODE_LIMIT: Final = 100
 
 

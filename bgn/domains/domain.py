@@ -39,7 +39,7 @@ class Domain:
     model: MOMDP
     """Exact tables. Taking a in s with ``reset[a, s]`` earns its reward and ends the episode."""
     episode_limit: int
-    """Counted steps after which an episode is cut (paper, Tables 5 and 6)."""
+    """Counted steps after which an episode is cut (paper, Tables 4 and 5)."""
     training_discount: float
     """γ of the returns the agents are trained on."""
     report_discount: float

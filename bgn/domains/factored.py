@@ -17,7 +17,7 @@ from scipy import sparse
 from bgn.errors import InputError
 from bgn.pomdp.model import MOMDP, POMDP
 
-TRAINING_DISCOUNT: Final = 0.99  # paper, Table 6
+TRAINING_DISCOUNT: Final = 0.99  # paper, Table 5
 REPORT_DISCOUNT: Final = 1.0  # the reported return is the success rate
 
 Variant = Literal["paper", "authors"]

@@ -47,7 +47,7 @@ TURNS = {
 WALL_SEEN = 0.9  # P(sensor reports a wall | wall)
 FALSE_ALARM = 0.05  # P(sensor reports a wall | free)
 
-DISCOUNT = 0.95  # paper, Table 5
+DISCOUNT = 0.95  # paper, Table 4
 GOAL_REWARD = 1.0
 
 

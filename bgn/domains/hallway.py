@@ -29,7 +29,7 @@ def hallway() -> Domain:
         title="Hallway",
         family="classic",
         model=build_model(MAP, LANDMARKS),
-        episode_limit=100,  # paper, Table 5
+        episode_limit=100,  # paper, Table 4
         training_discount=0.95,
         report_discount=0.95,
         hidden_first_action=True,

@@ -27,7 +27,7 @@ GOOD, BAD = 0, 1  # observations
 EXIT_REWARD = 10.0  # leaving over the east edge
 SAMPLE_REWARD = 10.0  # sampling a good rock; a bad one costs as much
 CRASH_REWARD = -100.0  # leaving elsewhere, or sampling where there is no rock: in the files, not in the paper
-DISCOUNT = 0.95  # paper, Table 5
+DISCOUNT = 0.95  # paper, Table 4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -206,7 +206,7 @@ def rocksample(
         title=f"RockSample[{n},{len(instance.rocks)}]",
         family="classic",
         model=build_model(instance),
-        episode_limit=100,  # paper, Table 5
+        episode_limit=100,  # paper, Table 4
         training_discount=DISCOUNT,
         report_discount=DISCOUNT,
         hidden_first_action=True,

@@ -30,7 +30,7 @@ from bgn.domains.registry import register
 from bgn.errors import InputError
 
 PLATES: Final = 10  # paper, Section 5.2: k ~ U([1, 10])
-EPISODE_LIMIT: Final = 50  # paper, Table 6
+EPISODE_LIMIT: Final = 50  # paper, Table 5
 BINS: Final = 3  # deflected down, neutral, deflected up
 NEUTRAL: Final = 1
 DOWN, UP, GRASP = range(3)

@@ -35,7 +35,7 @@ LEFT_SOFT, LEFT_STIFF, RIGHT_SOFT, RIGHT_STIFF = range(4)
 ACTIONS: Final = ("left-soft", "left-stiff", "right-soft", "right-stiff")
 BIN_NAMES: Final = ("deflected-left", "neutral", "deflected-right")
 RIGHT_BUMP_RIGHT: Final = 2  # the compiled code of the push that earns the reward
-EPISODE_LIMIT: Final = 100  # paper, Table 6
+EPISODE_LIMIT: Final = 100  # paper, Table 5
 AUTHORS_LIMIT: Final = 50  # authors' code
 PAIRS: Final = tuple(
     (b1, b2) for b1 in range(2, 11) for b2 in range(4, 13) if 2 <= b2 - b1 <= 7

@@ -38,7 +38,7 @@ READINGS: Final = CELLS * BINS
 LEFT, RIGHT, BACKWARD, FORWARD, GRASP = range(5)
 ACTIONS: Final = ("left", "right", "backward", "forward", "grasp")
 BIN_NAMES: Final = ("strong-minus", "mild-minus", "neutral", "mild-plus", "strong-plus")
-EPISODE_LIMIT: Final = 100  # paper, Table 6
+EPISODE_LIMIT: Final = 100  # paper, Table 5
 
 
 def _adjacent(a: int, b: int) -> bool:

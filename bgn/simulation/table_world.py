@@ -3,7 +3,7 @@
 Nothing in :meth:`TableWorld.step` waits for the device or depends on the data in its shapes, so that a whole
 training update can be captured as one CUDA graph.
 
-Episode semantics (paper, Appendix D; authors' code for what the paper leaves open):
+Episode semantics (paper, Appendix C; authors' code for what the paper leaves open):
 
 - Classic episodes open with one unseen, uniformly random action: the agent's first input is the observation
   it gave and that action; its reward is dropped. ``hidden_first_action=False`` starts clean instead.

@@ -46,7 +46,7 @@ def recurrence(name, domain_id):
 
 
 def expected_shapes(agent_id, domain_id, preset):
-    """Appendix B, Tables 3 and 4."""
+    """Appendix B, Tables 2 and 3."""
     spec, size = AGENTS[agent_id], SIZES[domain_id]
     shared = preset == "authors-code" and agent_id in ("ah-ch", "ah-ch+bgn")
     shapes = {}

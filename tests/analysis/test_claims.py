@@ -149,7 +149,7 @@ def test_against_the_reference_rows() -> None:
     matches = criteria.MatchesReference(("ab-cb",), ("hallway",))
     assert matches.judge(scores(cell("hallway", "ab-cb", around(0.53)), (), rows)).answer is Answer.HOLDS
     assert matches.judge(scores(cell("hallway", "ab-cb", around(0.3)), (), rows)).answer is Answer.FAILS
-    # (14 + 62) / (18 + 62) = .95 of the way from Random to SARSOP, as Table 8 would print.
+    # (14 + 62) / (18 + 62) = .95 of the way from Random to SARSOP, as Table 7 would print.
     rows = [
         reference("rocksample-4-4", "sarsop", CLEAN, 18.0),
         reference("rocksample-4-4", "random", HIDDEN, -62.0),
@@ -289,7 +289,7 @@ def test_the_paper_s_own_numbers_are_asked_too() -> None:
     two_groups, outperforms = judged["two-groups"], judged["outperforms-all"]
     assert two_groups is not None
     assert two_groups.answer is Answer.HOLDS
-    # Table 7 has Ab-Cb above Ah-Ch+BGN in Hallway-2 and RockSample[5,5].
+    # Table 6 has Ab-Cb above Ah-Ch+BGN in Hallway-2 and RockSample[5,5].
     assert outperforms is not None
     assert outperforms.answer is Answer.FAILS
     assert judged["alone-perfect"] is None

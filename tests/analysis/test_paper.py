@@ -22,7 +22,7 @@ def test_only_the_grounded_history_agent_is_claimed_to_be_perfect() -> None:
 
 @pytest.mark.parametrize(
     ("domain", "agent", "printed"),
-    # Table 8 of the paper follows from its Table 7.
+    # Table 7 of the paper follows from its Table 6.
     [
         ("hallway", "ah-ch", 0.94),
         ("hallway", "ah-ch+bgn", 1.02),

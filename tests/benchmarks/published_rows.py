@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 
 from bgn.results import provenance
 from tests.benchmarks import recomputed_statistics as statistics
-from tests.benchmarks.recomputed_statistics import HORIZONS, METRICS, TABLE_7, Sample
+from tests.benchmarks.recomputed_statistics import HORIZONS, METRICS, TABLE_6, Sample
 
 RESULTS = pathlib.Path(__file__).parents[2] / "results" / "published"
 CURVES = ["run", "key", "env_steps", "episodes", "return_100", "success_100", "belief_cross_entropy"]
@@ -73,17 +73,17 @@ class Rows:
         return statistics.seed_rate(runs["sampled_success"].to_numpy(), statistics.episodes(runs))
 
 
-class Table7(Rows):
+class Table6(Rows):
     """The paper's own numbers in place of runs."""
 
     def missing(self, cell: Cell) -> bool:
-        return cell[0] not in TABLE_7 or cell[1] not in statistics.AGENTS
+        return cell[0] not in TABLE_6 or cell[1] not in statistics.AGENTS
 
     def short(self, cell: Cell) -> bool:
         return False
 
     def sample(self, cell: Cell) -> Sample:
-        return statistics.of_table_7(*cell)
+        return statistics.of_table_6(*cell)
 
 
 def stores() -> list[tuple[str, str]]:

@@ -16,10 +16,10 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from tests.benchmarks.published_rows import Cell, Rows, Table7
+from tests.benchmarks.published_rows import Cell, Rows, Table6
 from tests.benchmarks.recomputed_statistics import (
     METRICS,
-    TABLE_7,
+    TABLE_6,
     TOLERANCES,
     Sample,
     bootstrap,
@@ -50,7 +50,7 @@ class Question:
 
     cells: tuple[Cell, ...]
     judge: Judge
-    asks_table_7: bool = False
+    asks_table_6: bool = False
     """Whether means, deviations and numbers of seeds are all it needs."""
 
 
@@ -73,7 +73,7 @@ def better(higher: Sequence[str], lower: Sequence[str], domains: Sequence[str]) 
         text = f"{sum(above)} of {len(pairs)} comparisons significant"
         return _conclude(rows, cells, above, len(pairs), against, text + _contradict(against))
 
-    return Question(cells, judge, asks_table_7=True)
+    return Question(cells, judge, asks_table_6=True)
 
 
 def similar(agents: Sequence[str], domains: Sequence[str], tolerance: float | None = None) -> Question:
@@ -89,7 +89,7 @@ def similar(agents: Sequence[str], domains: Sequence[str], tolerance: float | No
         text = f"{sum(alike)} of {len(pairs)} pairs equivalent, {against} differ"
         return _conclude(rows, cells, alike, len(pairs), against, text)
 
-    return Question(cells, judge, asks_table_7=True)
+    return Question(cells, judge, asks_table_6=True)
 
 
 def matches_in(agent: str, others: Sequence[str], domains: Sequence[str], enough: int) -> Question:
@@ -113,7 +113,7 @@ def matches_in(agent: str, others: Sequence[str], domains: Sequence[str], enough
             return "does not hold", text
         return _lacking(rows, cells) or "inconclusive", text
 
-    return Question(cells, judge, asks_table_7=True)
+    return Question(cells, judge, asks_table_6=True)
 
 
 def order_varies(agents: Sequence[str], domains: Sequence[str]) -> Question:
@@ -134,7 +134,7 @@ def order_varies(agents: Sequence[str], domains: Sequence[str]) -> Question:
         text = f"{turned} of {len(duels)} pairs of agents change order"
         return "holds" if turned else _lacking(rows, cells) or "inconclusive", text
 
-    return Question(cells, judge, asks_table_7=True)
+    return Question(cells, judge, asks_table_6=True)
 
 
 def matches_sarsop(agents: Sequence[str], domains: Sequence[str]) -> Question:
@@ -387,12 +387,12 @@ CLAIMS: dict[str, Question] = {
 }
 
 
-def by_table_7(question: Question, rows: Rows) -> str | None:
+def by_table_6(question: Question, rows: Rows) -> str | None:
     """Return the verdict on the paper's own numbers, where it prints any of a claim's and its domains are shown."""
-    printed = {domain for domain, agent in question.cells if domain in TABLE_7}
-    if not (question.asks_table_7 and printed and printed <= rows.domains()):
+    printed = {domain for domain, agent in question.cells if domain in TABLE_6}
+    if not (question.asks_table_6 and printed and printed <= rows.domains()):
         return ""
-    return question.judge(Table7())[0]
+    return question.judge(Table6())[0]
 
 
 def _lacking(rows: Rows, cells: Iterable[Cell]) -> str | None:

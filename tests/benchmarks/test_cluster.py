@@ -258,7 +258,7 @@ def test_a_lost_scheduler_ends_the_command_and_the_next_one_goes_on(
     assert len(store.read("runs")) == 1
     assert not list(tmp_path.rglob("*.checkpoint"))
     printed = capsys.readouterr().out
-    assert "Raw returns (paper, Table 7)" in printed
+    assert "Raw returns (paper, Table 6)" in printed
 
 
 class DyingWorkers:

@@ -65,15 +65,15 @@ def test_a_second_run_does_nothing_but_print(
     assert f"{n} of {n} runs and reference rows are done" in second
     tables = first[first.index("What the paper claims") :]
     assert second.endswith(tables)
-    assert "Raw returns (paper, Table 7)" in tables
+    assert "Raw returns (paper, Table 6)" in tables
     assert "Normalised returns" not in tables
     written = (tmp_path / "smoke" / PRESET / "tables" / "tables.md").read_text()
-    assert "Normalised returns (paper, Table 8)" in written
+    assert "Normalised returns (paper, Table 7)" in written
 
     show = ["tables", "--budget", "smoke", "--results", str(tmp_path)]
     assert main([*show, "--all"]) == 0
     everything = capsys.readouterr().out
-    assert "Normalised returns (paper, Table 8)" in everything
+    assert "Normalised returns (paper, Table 7)" in everything
     lines = [
         line for line in everything.splitlines() if str(tmp_path) not in line
     ]  # a path is as long as it is

@@ -66,7 +66,7 @@ def test_report_opens_from_disk(tmp_path: pathlib.Path) -> None:
     assert "https://" not in text
     page = (tmp_path / "01-tables.html").read_text()
     assert "data:image/png;base64," in page
-    assert "Raw returns (paper, Table 7)" in page
+    assert "Raw returns (paper, Table 6)" in page
 
 
 def test_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:

@@ -17,7 +17,7 @@ from scipy import stats
 from benchmarks import pooled
 from tests.benchmarks.published_rows import RESULTS
 from tests.benchmarks.published_stores import POOLED, stored
-from tests.benchmarks.recomputed_statistics import AGENTS, METRICS, TABLE_7, TOLERANCES, holm, sample
+from tests.benchmarks.recomputed_statistics import AGENTS, METRICS, TABLE_6, TOLERANCES, holm, sample
 
 
 @pytest.fixture(scope="module")
@@ -68,13 +68,13 @@ def test_p_values_and_verdicts_of_the_numbers(
     differ, equal, cells = [], [], []
     for _, row in printed.cells.iterrows():
         domain, agent = row["domain"], row["agent"]
-        if domain not in TABLE_7 or agent not in AGENTS:
+        if domain not in TABLE_6 or agent not in AGENTS:
             continue
         steps = [json.loads(spec)["env_steps"] for spec in runs[domain, agent]["spec"]]
         if min(steps) < row["horizon"]:
             assert row["verdict"] == "short"
             continue
-        mean, sd = TABLE_7[domain][AGENTS.index(agent)]
+        mean, sd = TABLE_6[domain][AGENTS.index(agent)]
         p_differ, p_equal = compare(
             sample(runs[domain, agent], METRICS[domain]), mean, sd, TOLERANCES[domain]
         )
@@ -113,7 +113,7 @@ def test_claims_of_the_robot_cells(
     less, greater, equal, rows = [], [], [], []
     for _, row in printed.cells.iterrows():
         domain, better = row["domain"], (row["domain"], "ah-ch+bgn")
-        robot = domain not in TABLE_7
+        robot = domain not in TABLE_6
         steps = [json.loads(spec)["env_steps"] for spec in runs[domain, row["agent"]]["spec"]]
         if not robot or row["agent"] == "ah-ch+bgn" or better not in runs or min(steps) < row["horizon"]:
             continue

@@ -172,7 +172,7 @@ def test_large_bump_is_grasped_once_both_were_touched():
 
 def test_authors_top_plate():
     domain = domains.get("top-plate", variant="authors")
-    assert (domain.model.n_observed, domain.model.n_hidden) == (21, 8)  # as the paper's Table 6 prints
+    assert (domain.model.n_observed, domain.model.n_hidden) == (21, 8)  # as the paper's Table 5 prints
     np.testing.assert_allclose(start("top-plate", variant="authors")[1], [0, *[0.2] * 5, 0, 0])
     np.testing.assert_allclose(domain.prior[1], [0, *[1 / 6] * 6, 0])
 

@@ -15,7 +15,7 @@ def weights(updates, **settings):
 
 
 def test_entropy_weight_is_the_papers_over_fifteen_million_steps():
-    """Table 2: 2 · 0.1^(t / 3 M) falls from 2 to 2e-5 in 15 M steps."""
+    """Table 1: 2 · 0.1^(t / 3 M) falls from 2 to 2e-5 in 15 M steps."""
     updates = 15_000_000 // 80
     ours = weights(updates, entropy_weight_start=2.0, entropy_weight_end=2e-5)
     steps = torch.arange(updates, dtype=torch.float64) * 80

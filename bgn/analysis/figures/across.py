@@ -181,7 +181,7 @@ def openings(scores: Scores, titles: Mapping[str, str], policies: Mapping[str, s
         axes.set_xlim(-0.3, 2.4)
     style.legend(figure, panels)
     style.caption(
-        figure, "What the same policy is worth under either opening, beside the paper's agents (Table 7)."
+        figure, "What the same policy is worth under either opening, beside the paper's agents (Table 6)."
     )
     return figure
 

@@ -47,7 +47,7 @@ def training_curves(scores: Scores, titles: Mapping[str, str]) -> Figure:
 
 
 def success_curves(scores: Scores, titles: Mapping[str, str], agents: Sequence[str] | None = None) -> Figure:
-    """Return the robot domains' success while training (paper, Figures 5 and 8), with the level of perfection."""
+    """Return the robot domains' success while training (paper, Figures 4 and 7), with the level of perfection."""
     domains = _drawn(scores, "robot")
     if not domains:
         return style.nothing(_NONE)

@@ -269,7 +269,7 @@ class A2CLearner:
 
 
 def entropy_weights(settings: Hyperparameters, total_updates: int) -> Tensor:
-    """β_e of every update: exponential from start to end in the fraction of the run done (Table 2)."""
+    """β_e of every update: exponential from start to end in the fraction of the run done (Table 1)."""
     fraction = torch.arange(total_updates, dtype=torch.float64) / max(1, total_updates)
     ratio = settings.entropy_weight_end / settings.entropy_weight_start
     return (settings.entropy_weight_start * ratio**fraction).float()
