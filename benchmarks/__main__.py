@@ -27,6 +27,7 @@ from benchmarks.registry import Registry
 from benchmarks.signals import Stopped, stoppable
 from benchmarks.superfluous import discard_attempts
 from benchmarks.tasks import CellTask, ReferenceTask, Task, Work
+from bgn import domains
 from bgn.errors import BgnError
 from bgn.results import quarantine
 from bgn.results.store import StorageError, Store, StoreError, writing_to
@@ -254,13 +255,18 @@ def _show_tables(selection: Selection, options: argparse.Namespace, console: Con
 
 
 def _measure(selection: Selection, options: argparse.Namespace, console: Console) -> int:
-    from benchmarks import authors_evaluation  # imported here because torch takes seconds
+    from benchmarks import measures  # imported here because torch takes seconds
 
-    wanted = [d for d in selection.domains if selection.registry.domains[d].authors_metric]
+    wanted = measures.measures_of(selection.registry)
     store = selection.store(options.results)
+    if not (store.root / "policies").is_dir():
+        raise StoreError(
+            f"{store.root} holds no policies to measure; `python -m benchmarks run` with the same options leaves them"
+        )
     with writing_to(store.root), store.lock():
-        measured = authors_evaluation.measure(store, wanted)
-    console.print(f"Measured {measured} policies of {', '.join(wanted)}.", highlight=False)
+        measured = measures.measure(store, wanted)
+    titles = [domains.get(domain).title for domain in selection.domains if domain in wanted]
+    console.print(f"Measured {measured} policies of {', '.join(titles)}.", highlight=False)
     return 0
 
 
@@ -325,7 +331,9 @@ def _parser(benchmark: Registry) -> argparse.ArgumentParser:
     )
     tables.add_argument("--format", choices=tuple(_FORMS), help="print for another program")
     measure = commands.add_parser(
-        "measure", help="measure stored Hallway policies as the authors did", allow_abbrev=False
+        "measure",
+        help="measure stored policies: the Hallways as the authors did, in the robot domains what they do",
+        allow_abbrev=False,
     )
     measure.set_defaults(domain=None, agent=None, reference=None, seeds=None)
     for command in (run, status, tables, measure):

@@ -112,6 +112,9 @@ def further_tables(found: StoredEvidence) -> list[TextTable]:
     if found.family("classic"):
         shown.append(tables.normalised_returns(found))
     shown.append(tables.all_metrics(found))
+    habits = tables.policies_habits(found)
+    if habits.rows:
+        shown.append(habits)
     if not found.references.empty:
         shown.append(tables.reference_policies(found))
     return shown

@@ -42,6 +42,16 @@ display.film_strip(evidence, "two-bumps-1d", "ah-ch+bgn")
 display.film_strip(evidence, "two-bumps-2d", "ah-ch+bgn")
 
 # %% [markdown]
+# ## Whether they do what the paper describes
+#
+# Section 5.3 describes each policy in words. Both the policies, which take their most probable action here, and the domains are
+# deterministic: from every possible start there is one episode, and the share of those that go as described is exact. Where the
+# finger goes is what counts, not actions that leave it in its place.
+
+# %%
+display.table(tables.policies_habits(evidence))
+
+# %% [markdown]
 # ## How often they succeed
 #
 # The interval is one of a *seed's* success rate. Pooling all episodes would hide that seeds differ, and seeds that agree would hide

@@ -38,7 +38,7 @@ def claims_verdicts(claims: pd.DataFrame, notebook: str | None = None) -> str:
     """Say how many of a notebook's claims hold."""
     chosen = claims if notebook is None else claims[claims["notebook"] == notebook]
     counts = chosen["verdict"].value_counts()
-    parts = [f"{counts[a.value]} {_COUNTED[a]}" for a in Answer if a.value in counts]
+    parts = [f"{counts[a.value]} {_counted(a, counts[a.value])}" for a in Answer if a.value in counts]
     return f"Of {len(chosen)} claims: {', '.join(parts)}." if parts else "No claim is judged here."
 
 
@@ -54,8 +54,9 @@ def speed_of_learning(scores: Scores) -> str:
     if not both:
         return "No domain is stored in which Ah-Ch+BGN and Ah-Ch could be compared."
     return (
-        f"Ah-Ch+BGN gets to 90 % of the best return sooner than Ah-Ch in {sooner} of {both} domains, later in {later}"
-        f"{'' if sooner + later == both else '; in the others neither gets there'}."
+        f"The median run of Ah-Ch+BGN gets to 90 % of the best return sooner than Ah-Ch's in {sooner} of {both} "
+        f"domains, later in {later}{'' if sooner + later == both else '; in the others neither gets there'}. Whether that is "
+        "significant is the claim `learns-faster`."
     )
 
 
@@ -73,11 +74,14 @@ def grounding(scores: Scores) -> str:
         return "No run of a grounded agent is stored."
     close = sum(value < ACCURATE_NATS for value in divergences)
     ahead = (
-        f"; its mean score is above Ah-Ch's in {sum(g > 0 for g in gains)} of {len(gains)}" if gains else ""
+        f"; its mean score is above Ah-Ch's in {sum(g > 0 for g in gains)} of {len(gains)}. Whether that is "
+        "significant is part of the claim `outperforms-baselines`."
+        if gains
+        else "."
     )
     return (
-        f"Ah-Ch+BGN's reconstructed belief is off by less than {ACCURATE_NATS} nats in {close} of {len(divergences)} "
-        f"domains{ahead}."
+        f"Ah-Ch+BGN's reconstructed belief is on average off by less than {ACCURATE_NATS} nats in {close} of "
+        f"{len(divergences)} domains{ahead}"
     )
 
 
@@ -118,6 +122,10 @@ def cost(runs: pd.DataFrame) -> str:
             "docs/performance.md has its speed."
         )
     return " ".join(said)
+
+
+def _counted(answer: Answer, count: int) -> str:
+    return answer.value if count == 1 and answer in (Answer.HOLDS, Answer.FAILS) else _COUNTED[answer]
 
 
 _COUNTED = {

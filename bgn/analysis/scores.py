@@ -35,6 +35,10 @@ class Scale:
         """Return (value - lower) / (upper - lower)."""
         return (value - self.lower) / (self.upper - self.lower)
 
+    def denormalise(self, share: float) -> float:
+        """Return the value that :meth:`normalise` makes this share."""
+        return self.lower + share * (self.upper - self.lower)
+
 
 @dataclass(frozen=True)
 class Scores:

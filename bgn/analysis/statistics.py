@@ -143,6 +143,39 @@ def rate_interval(rates: Sequence[float], episodes: Sequence[int]) -> tuple[floa
     return max(0.0, min(pooled[0], seeds[0])), min(1.0, max(pooled[1], seeds[1]))
 
 
+def mean_p(sample: Sample, value: float, *, tail: Tail) -> float:
+    """Return the p-value of Student's test that the mean of a seed is ``value``, against ``tail``.
+
+    NaN where there is nothing to judge by: fewer than two values, or no spread and no known error.
+    """
+    variance = sample.mean_variance if sample.n > 1 else math.nan
+    if math.isnan(variance) or variance == 0:
+        return math.nan
+    t, freedom = (sample.mean - value) / math.sqrt(variance), sample.n - 1
+    less = float(stats.t.cdf(t, freedom))
+    return {"less": less, "greater": 1 - less, "two-sided": 2 * min(less, 1 - less)}[tail]
+
+
+def rate_p(rates: Sequence[float], episodes: Sequence[int], value: float, *, tail: Tail) -> float:
+    """Return the p-value that the success rate of a seed is ``value``, against ``tail``: of :func:`rate_interval`.
+
+    The larger of Student's over seeds and of the exact binomial one over all their episodes.
+    """
+    successes = sum(round(rate * n) for rate, n in zip(rates, episodes, strict=True))
+    pooled = float(stats.binomtest(successes, sum(episodes), value, alternative=tail).pvalue)
+    seeds = mean_p(Sample.of(rates), value, tail=tail) if len(rates) > 1 else 1.0
+    return pooled if math.isnan(seeds) else max(pooled, seeds)
+
+
+def at_least_p(p_values: Sequence[float], at_least: int) -> float:
+    """Return the p-value that at least u of m null hypotheses are false: (m - u + 1) times the u-th smallest.
+
+    A partial conjunction by Bonferroni's method (Benjamini and Heller 2008). NaN, a test not done, counts as 1.
+    """
+    known = sorted(1.0 if math.isnan(p) else p for p in p_values)
+    return min(1.0, (len(known) - at_least + 1) * known[at_least - 1])
+
+
 def prediction_interval(sample: Sample, *, n: int, confidence: float = 0.95) -> tuple[float, float]:
     """Return the interval in which the mean of ``n`` new values falls.
 

@@ -11,6 +11,7 @@ from bgn.analysis import paper
 from bgn.analysis.cells import DomainRow
 from bgn.analysis.criteria import Answer
 from bgn.analysis.evidence import Evidence
+from bgn.analysis.habits import HABITS, Habit
 from bgn.analysis.text_table import BLANK, TextTable, plus_minus
 from bgn.analysis.verdicts import Verdict
 from bgn.domains.episode_opening import CLEAN, HIDDEN
@@ -201,6 +202,26 @@ def success_rates(evidence: Evidence) -> TextTable:
     )
 
 
+def policies_habits(evidence: Evidence) -> TextTable:
+    """Return how often measured policies do what the paper says they do in the robot domains (Section 5.3)."""
+    measured = {
+        agent: {habit.id: _measured(evidence, habit, agent) for habit in HABITS}
+        for agent in evidence.agent_titles
+    }
+    shown = [agent for agent, found in measured.items() if any(len(runs) for runs in found.values())]
+    rows = []
+    for habit in HABITS:
+        if any(len(measured[agent][habit.id]) for agent in shown):
+            rows.append([habit.asks, *(_shares(measured[agent][habit.id], habit) for agent in shown)])
+    notes = [
+        "Share of the starts in question from which a policy does so, mean over the policies measured, from lowest to "
+        "highest, n. Policies take their most probable action from every possible start: shares are exact.",
+        "`python -m benchmarks measure` measures the policies that are stored.",
+    ]
+    titles = [evidence.agent_titles[agent] for agent in shown]
+    return TextTable("What policies do in the robot domains", ["Habit", *titles], rows, notes, labels=1)
+
+
 def reference_policies(evidence: Evidence) -> TextTable:
     """Return every reference policy under both conventions."""
     rows = []
@@ -284,6 +305,21 @@ def _authors_note(evidence: Evidence) -> list[str]:
 
 def _unattainable(evidence: Evidence) -> bool:
     return bool((~evidence.cells["attainable"].astype(bool)).any())
+
+
+def _measured(evidence: Evidence, habit: Habit, agent: str) -> pd.DataFrame:
+    """Return an agent's runs in a habit's domain whose policies were measured, and have a case of it."""
+    if habit.share_column not in evidence.runs:
+        return evidence.runs[:0]
+    runs = evidence.runs.dropna(subset=[habit.share_column])
+    return runs[(runs["domain"] == habit.domain) & (runs["agent"] == agent)]
+
+
+def _shares(runs: pd.DataFrame, habit: Habit) -> str:
+    if runs.empty:
+        return BLANK
+    shares = runs[habit.share_column]
+    return f"{shares.mean():.0%} ({shares.min():.0%} to {shares.max():.0%}), {len(runs)}"
 
 
 def _printed(printed: paper.Printed | None) -> str:

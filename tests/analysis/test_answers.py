@@ -24,3 +24,11 @@ def test_the_cost_of_runs_on_cpus_and_on_a_gpu_is_told_apart() -> None:
     assert answers.cost(runs(cuda=3)) == on_a_gpu
     assert answers.cost(runs(cpu=2, cuda=3)) == f"{on_cpus} {on_a_gpu}"
     assert answers.cost(runs()) == "No run is stored."
+
+
+def test_one_claim_holds_and_two_hold() -> None:
+    def said(*verdicts: str) -> str:
+        return answers.claims_verdicts(pd.DataFrame({"verdict": verdicts, "notebook": "01-tables"}))
+
+    assert said("holds", "does not hold", "does not hold") == "Of 3 claims: 1 holds, 2 do not hold."
+    assert said("holds", "holds", "does not hold") == "Of 3 claims: 2 hold, 1 does not hold."

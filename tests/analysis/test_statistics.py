@@ -10,15 +10,19 @@ from scipy import stats
 
 from bgn.analysis.statistics import (
     Sample,
+    at_least_p,
     binomial_interval,
     detectable_gap,
     equivalence_p,
     equivalence_power,
     holm,
+    mean_interval,
+    mean_p,
     prediction_interval,
     rank_sum_p,
     rate_error,
     rate_interval,
+    rate_p,
     spearman_within,
     welch_p,
 )
@@ -31,6 +35,42 @@ def test_welch_agrees_with_scipy(a: list[float], b: list[float]) -> None:
     for tail in ("two-sided", "less", "greater"):
         expected = stats.ttest_ind(a, b, equal_var=False, alternative=tail).pvalue
         assert welch_p(Sample.of(a), Sample.of(b), tail=tail) == pytest.approx(expected, abs=1e-9)
+
+
+@given(values, st.floats(-100, 100))
+def test_a_mean_against_a_value_agrees_with_scipy_and_with_its_interval(v: list[float], value: float) -> None:
+    sample = Sample.of(v)
+    for tail in ("two-sided", "less", "greater"):
+        expected = stats.ttest_1samp(v, value, alternative=tail).pvalue
+        assert mean_p(sample, value, tail=tail) == pytest.approx(expected, abs=1e-9)
+    low, high = mean_interval(sample)
+    if min(abs(value - low), abs(value - high)) > 1e-6 * (high - low):
+        assert (mean_p(sample, value, tail="less") < 0.025) == (value > high)
+        assert (mean_p(sample, value, tail="greater") < 0.025) == (value < low)
+
+
+@given(st.lists(st.integers(0, 40), min_size=2, max_size=6), st.floats(0.01, 0.99))
+def test_a_rate_against_a_value_agrees_with_its_interval(successes: list[int], value: float) -> None:
+    rates, episodes = [count / 40 for count in successes], [40] * len(successes)
+    low, high = rate_interval(rates, episodes)
+    if min(abs(value - low), abs(value - high)) > 1e-6:
+        assert (rate_p(rates, episodes, value, tail="less") < 0.025) == (value > high)
+        assert (rate_p(rates, episodes, value, tail="greater") < 0.025) == (value < low)
+
+
+def test_nothing_is_sure_of_a_mean_without_spread() -> None:
+    assert math.isnan(mean_p(Sample(0.5, 0.0, 3), 0.1, tail="greater"))
+    assert math.isnan(mean_p(Sample(0.5, 0.0, 1, error=0.1), 0.1, tail="greater"))
+    # Three seeds that always succeed in 40 episodes: .9 of 120 all at once is .9^120.
+    assert rate_p([1.0] * 3, [40] * 3, 0.9, tail="greater") == pytest.approx(0.9**120)
+
+
+def test_at_least_so_many_of_some() -> None:
+    p = [0.01, 0.2, 0.02, math.nan]
+    assert at_least_p(p, 1) == pytest.approx(4 * 0.01)
+    assert at_least_p(p, 2) == pytest.approx(3 * 0.02)
+    assert at_least_p(p, 3) == pytest.approx(2 * 0.2)
+    assert at_least_p(p, 4) == 1.0
 
 
 def test_welch_by_hand() -> None:

@@ -72,6 +72,11 @@ class Rows:
         runs = self.runs[cell]
         return statistics.seed_rate(runs["sampled_success"].to_numpy(), statistics.episodes(runs))
 
+    def rate_sides(self, cell: Cell, value: float) -> tuple[float, float]:
+        """Return the p-values of a seed's rate being above, and below, a value."""
+        runs = self.runs[cell]
+        return statistics.sides_of_rate(runs["sampled_success"].to_numpy(), statistics.episodes(runs), value)
+
 
 class Table6(Rows):
     """The paper's own numbers in place of runs."""
@@ -100,6 +105,8 @@ def read(budget: str, preset: str) -> Rows:
             runs = _frame(folder)
             if len(runs):
                 cell = domain, folder.name
+                measures = _frame(root / "measures" / domain / folder.name)
+                runs = runs.merge(measures, how="left") if len(measures) else runs
                 rows.runs[cell] = runs.reindex(columns=[*dict.fromkeys([*runs, "sampled_belief_kl"])])
                 curves = _frame(root / "curves" / domain / folder.name, CURVES)
                 keys = dict(zip(runs["run"], runs["key"], strict=True))

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import itertools
 import json
+import pathlib
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
@@ -24,9 +26,9 @@ from tests.benchmarks.recomputed_statistics import (
     Sample,
     bootstrap,
     holm,
-    mean_interval,
     rank_sum,
-    student,
+    sides,
+    sides_of_rate,
     tost,
     welch,
     within_groups,
@@ -37,7 +39,10 @@ CLASSIC, ROBOT = HALLWAYS + ROCKSAMPLES, ("top-plate", "two-bumps-1d", "two-bump
 HISTORY = ("ah-cs", "ah-cb", "ah-ch")
 OTHERS = (*HISTORY, "ab-cb")
 BGN = "ah-ch+bgn"
+FILES = pathlib.Path(__file__).parents[2] / "data" / "pomdp_files"
 ALPHA = 0.05
+#: Tests against a bound are one-sided, at the level at which a 95 % interval lies beside it.
+EITHER_SIDE = ALPHA / 2
 
 Finding = tuple[str | None, str | None]
 """Verdict and statistic; None where they are not told here."""
@@ -100,12 +105,15 @@ def matches_in(agent: str, others: Sequence[str], domains: Sequence[str], enough
         met = [(d, o) for d, o in _cells(domains, others) if rows.judged((d, agent), (d, o))]
         duels = [(rows.sample((d, agent)), rows.sample((d, o))) for d, o in met]
         p_below = holm([welch(a, b, "less") for a, b in duels], len(domains) * len(others))
-        verdicts: dict[str, list[str]] = {d: [] for d in domains}
-        for (d, _), (a, b), p in zip(met, duels, p_below, strict=True):
-            close = welch(a, b, "greater", -TOLERANCES[d]) < ALPHA
-            verdicts[d].append("close" if close else "worse" if p < ALPHA else "open")
-        matched = sum(found == ["close"] * len(others) for found in verdicts.values())
-        worse = sum("worse" in found for found in verdicts.values())
+        p_close = {d: [1.0] * len(others) for d in domains}
+        lost = set()
+        for (d, o), (a, b), p in zip(met, duels, p_below, strict=True):
+            p_close[d][others.index(o)] = close = welch(a, b, "greater", -TOLERANCES[d])
+            lost |= {d} if p < ALPHA and not close < ALPHA else set()
+        p_matched = np.sort([np.nan_to_num(np.max(p), nan=1.0) for p in p_close.values()])
+        # That at least u of m domains are matched: the u-th smallest p, times the m - u + 1 largest that remain.
+        surely = [u for u in range(1, len(domains) + 1) if (len(domains) - u + 1) * p_matched[u - 1] < ALPHA]
+        matched, worse = max(surely, default=0), len(lost)
         text = f"matches in {matched} of {len(domains)} domains, worse in {worse}"
         if matched >= enough:  # whatever the other domains would say
             return "holds", text
@@ -166,13 +174,13 @@ def comes_close(agents: Sequence[str], domains: Sequence[str], share: float) -> 
         bounds = ("random", "hidden-first-action"), ("sarsop", "clean")
         known = {d: [rows.references.get((d, *bound)) for bound in bounds] for d in domains}
         unknown = [d for d in domains if any(bound is None for bound in known[d])]
-        intervals = []
+        found = []
         for cell in cells:
             if rows.judged(cell) and cell[0] not in unknown:
                 low, high = (bound["return"] for bound in known[cell[0]])
                 mean, sd, n = rows.sample(cell)
-                intervals.append(mean_interval(Sample((mean - low) / (high - low), sd / (high - low), n)))
-        return _beyond(rows, cells, intervals, f"above {share:.2f}", lower=share, unknown=unknown)
+                found.append(sides(Sample((mean - low) / (high - low), sd / (high - low), n), share))
+        return _beyond(rows, cells, found, f"above {share:.2f}", unknown)
 
     return Question(cells, judge)
 
@@ -182,18 +190,25 @@ def alone_perfect(agent: str, others: Sequence[str], domains: Sequence[str]) -> 
     cells = _cells(domains, (agent, *others))
 
     def judge(rows: Rows) -> Finding:
-        always, missed = {}, {}
+        p_always, p_missed = {}, {}
         for a in (agent, *others):
-            needed = {(d, a): 1 - TOLERANCES[d] for d in domains}
-            intervals = {cell: rows.rate(cell) for cell in needed if rows.judged(cell)}
-            always[a] = len(intervals) == len(needed) and all(intervals[c][0] >= needed[c] for c in needed)
-            missed[a] = any(high < needed[cell] for cell, (_, high) in intervals.items())
-        also, not_others = (sum(found[other] for other in others) for found in (always, missed))
-        ours = "perfect in all" if always[agent] else "not perfect in all" if missed[agent] else "undecided"
+            there = [d for d in domains if rows.judged((d, a))]
+            found = [rows.rate_sides((d, a), 1 - TOLERANCES[d]) for d in there]
+            p_always[a] = max(above for above, _ in found) if len(there) == len(domains) else np.nan
+            p_missed[a] = [below for _, below in found]
+        not_others = sum(min(holm(p_missed[o], len(domains)), default=1) < EITHER_SIDE for o in others)
+        against = holm([*p_missed[agent], *(p_always[o] for o in others)], len(domains) + len(others))
+        cut = len(p_missed[agent])
+        missed, also = (
+            any(p < EITHER_SIDE for p in against[:cut]),
+            sum(p < EITHER_SIDE for p in against[cut:]),
+        )
+        always = p_always[agent] < EITHER_SIDE
+        ours = "not perfect in all" if missed else "perfect in all" if always else "undecided"
         text = f"{ours} {len(domains)}; of {len(others)} others {also} perfect, {not_others} not"
-        if missed[agent] or also:
+        if missed or also:
             return "does not hold", text
-        if always[agent] and not_others == len(others):
+        if always and not_others == len(others):
             return "holds", text
         return _lacking(rows, cells) or "inconclusive", text
 
@@ -205,8 +220,8 @@ def succeeds_below(agents: Sequence[str], domains: Sequence[str], level: float) 
     cells = _cells(domains, agents)
 
     def judge(rows: Rows) -> Finding:
-        intervals = [rows.rate(cell) for cell in cells if rows.judged(cell)]
-        return _beyond(rows, cells, intervals, f"below {level:.2f}", upper=level)
+        found = [rows.rate_sides(cell, level)[::-1] for cell in cells if rows.judged(cell)]
+        return _beyond(rows, cells, found, f"below {level:.2f}")
 
     return Question(cells, judge)
 
@@ -234,7 +249,7 @@ def learns_faster(agent: str, other: str, domains: Sequence[str]) -> Question:
     cells = _cells(domains, (agent, other))
 
     def judge(rows: Rows) -> Finding:
-        faster, slower = [], []
+        faster, slower, few = [], [], 0
         for d in domains:
             level = nine_tenths(rows, d)
             if level is not None and rows.judged((d, agent), (d, other)):
@@ -244,10 +259,12 @@ def learns_faster(agent: str, other: str, domains: Sequence[str]) -> Question:
                 if min(len(ours), len(theirs)) > 1:
                     faster.append(rank_sum(ours, theirs) < ALPHA)
                     slower.append(rank_sum(theirs, ours))
+                    few += rank_sum([0] * len(ours), [1] * len(theirs)) >= ALPHA
         against = sum(p < ALPHA for p in holm(slower, len(domains)))
         text = f"faster in {sum(faster)} of {len(domains)} domains" + (
             f", slower in {against}" if against else ""
         )
+        text += f", too few runs to tell in {few}" if few else ""
         unknown = [d for d in domains if nine_tenths(rows, d) is None]
         return _conclude(rows, cells, faster, len(domains), against, text, unknown)
 
@@ -260,8 +277,8 @@ def reconstructs(agent: str, domains: Sequence[str], nats: float) -> Question:
 
     def judge(rows: Rows) -> Finding:
         found = [rows.runs[cell]["sampled_belief_kl"] for cell in cells if rows.judged(cell)]
-        intervals = [student(kl) for kl in found if kl.notna().all()]
-        return _beyond(rows, cells, intervals, f"below {nats:.2f} nats", upper=nats)
+        tested = [sides(_of(kl), nats)[::-1] for kl in found if kl.notna().all()]
+        return _beyond(rows, cells, tested, f"below {nats:.2f} nats")
 
     return Question(cells, judge)
 
@@ -297,15 +314,15 @@ def learns_before_reward(agent: str, domains: Sequence[str], rare: float, share:
     cells = _cells(domains, (agent,))
 
     def judge(rows: Rows) -> Finding:
-        intervals = []
+        tested = []
         for cell in cells:
             shares = (
                 [early_fall(curve, rare) for curve in rows.curves.get(cell, ())] if rows.judged(cell) else []
             )
             known = [value for value in shares if value is not None]
             if len(known) > 1:
-                intervals.append(student(known))
-        return _beyond(rows, cells, intervals, f"above {share:.2f}", lower=share)
+                tested.append(sides(_of(known), share))
+        return _beyond(rows, cells, tested, f"above {share:.2f}")
 
     return Question(cells, judge)
 
@@ -336,6 +353,49 @@ def recovered(rows: Rows) -> tuple[float, np.ndarray]:
     return float(share({name: v.mean() for name, v in values.items()})), bootstrap(values, share)
 
 
+#: Levels that the habits of policies are held to (Section 5.3): as a rule, and "unconditionally".
+AS_A_RULE, UNCONDITIONALLY = 0.9, 0.99
+
+
+def habit(domain: str, name: str, level: float = AS_A_RULE) -> Question:
+    """Ask whether policies of Ah-Ch+BGN do what they are said to do, in the cases that are counted beside."""
+    cell = domain, BGN
+
+    def judge(rows: Rows) -> Finding:
+        runs = rows.runs.get(cell, pd.DataFrame())
+        known = runs.dropna(subset=[name, f"{name}_cases"]) if f"{name}_cases" in runs else runs[:0]
+        if len(known) < 2:
+            return "not measured", None
+        shares = known[name].to_numpy()
+        p_within, p_outside = sides_of_rate(shares, known[f"{name}_cases"].to_numpy().astype(int), level)
+        low, mean, high = (f"{share:.0%}" for share in (shares.min(), shares.mean(), shares.max()))
+        text = f"in {mean} of its cases, {low} to {high} by policy; {len(known)} policies"
+        judged = (
+            "does not hold"
+            if p_outside < EITHER_SIDE
+            else "holds"
+            if p_within < EITHER_SIDE
+            else "inconclusive"
+        )
+        return ("short" if rows.short(cell) else judged), text
+
+    return Question((cell,), judge)
+
+
+def penalised(domains: Sequence[str]) -> Question:
+    """Ask the model files whether anything costs reward."""
+    costs = [bool(re.search(r"^R:.*\s-\d", (FILES / f"{d}.pomdp").read_text(), re.M)) for d in domains]
+    text = f"an action costs reward in {sum(costs)} of {len(costs)} models"
+    return Question((), lambda _: ("holds" if all(costs) else "does not hold", text))
+
+
+def only_success(domains: Sequence[str]) -> Question:
+    """The compiled tables of these know no other reward: see the tests of the domains."""
+    return Question(
+        (), lambda _: ("holds", f"only success is rewarded in {len(domains)} of {len(domains)} models")
+    )
+
+
 def not_measured() -> Question:
     return Question((), lambda _: ("not measured", None))
 
@@ -347,6 +407,8 @@ CLAIMS: dict[str, Question] = {
     "beats-asymmetric": better([BGN], ["ah-cs"], CLASSIC + ROBOT),
     "beats-belief-agent": better([BGN], ["ab-cb"], CLASSIC + ROBOT),
     "without-adjustments": not_measured(),
+    "belief-beats-history": better(["ab-cb"], ["ah-ch"], CLASSIC + ROBOT),
+    "features-beat-belief": better([BGN], ["ab-cb"], CLASSIC + ROBOT),
     "learns-faster": learns_faster(BGN, "ah-ch", CLASSIC + ROBOT),
     "two-groups": better([BGN, "ab-cb"], HISTORY, CLASSIC),
     "as-good-as-belief-agent": similar([BGN, "ab-cb"], CLASSIC),
@@ -363,24 +425,32 @@ CLAIMS: dict[str, Question] = {
     "rest-bad": succeeds_below(HISTORY, ROBOT, 0.5),
     "rest-unstable": less_stable(HISTORY, [BGN, "ab-cb"], ROBOT),
     "robot-perfect": not_measured(),
-    "up-then-down": not_measured(),
-    "counts-plates": not_measured(),
-    "moves-right-first": not_measured(),
-    "non-intersecting": not_measured(),
-    "shortest-way-back": not_measured(),
+    "up-then-down": habit("top-plate", "habit_up_then_down"),
+    "counts-plates": habit("top-plate", "habit_counts_plates"),
+    "moves-right-first": habit("two-bumps-1d", "habit_moves_right_first", UNCONDITIONALLY),
+    "pushes-second": habit("two-bumps-1d", "habit_pushes_second"),
+    "turns-at-the-end": habit("two-bumps-1d", "habit_turns_at_the_end"),
+    "turns-softly": habit("two-bumps-1d", "habit_turns_softly"),
+    "non-intersecting": habit("two-bumps-2d", "habit_non_intersecting"),
+    "grasps-at-once": habit("two-bumps-2d", "habit_grasps_at_once"),
+    "shortest-way-back": habit("two-bumps-2d", "habit_shortest_way_back"),
     "best-in-robots": better([BGN], OTHERS, ROBOT),
     "not-beliefs-alone": better([BGN], ["ah-cb", "ab-cb"], ROBOT),
     "reconstructs": reconstructs(BGN, ["two-bumps-1d"], 0.1),
     "better-than-plain": better([BGN], ["ah-ch"], ROBOT),
     "belief-determines": belief_goes_with_score([BGN, "ab-cb+bgn"], ROBOT),
+    "reasonable-representation": not_measured(),
     "belief-agent-cannot-match": better([BGN], ["ab-cb"], ROBOT),
     "similar-in-classic": similar([BGN, "ab-cb"], CLASSIC),
+    "classic-penalises": penalised(CLASSIC),
+    "robots-reward-success": only_success(ROBOT),
     "learns-without-reward": learns_before_reward(BGN, ROBOT, 0.1, 0.1),
     "stops-without-reward": not_measured(),
     "better-features": not_measured(),
     "recovers-half": recovers_half("ab-cb+bgn", "ab-cb", BGN, ROBOT),
     "half-is-not-all": better([BGN], ["ab-cb+bgn"], ROBOT),
     "structure-of-beliefs": not_measured(),
+    "flexibility": not_measured(),
     "any-input": better(["ab-cb+bgn"], ["ab-cb"], ROBOT),
     "masterfully": not_measured(),
     "decay-needed": not_measured(),
@@ -392,7 +462,8 @@ def by_table_6(question: Question, rows: Rows) -> str | None:
     printed = {domain for domain, agent in question.cells if domain in TABLE_6}
     if not (question.asks_table_6 and printed and printed <= rows.domains()):
         return ""
-    return question.judge(Table6())[0]
+    verdict = question.judge(Table6())[0]
+    return "" if verdict == "not run" else verdict
 
 
 def _lacking(rows: Rows, cells: Iterable[Cell]) -> str | None:
@@ -432,18 +503,19 @@ def _conclude(
 def _beyond(
     rows: Rows,
     cells: Sequence[Cell],
-    intervals: Sequence[tuple[float, float]],
+    found: Sequence[tuple[float, float]],
     asked: str,
-    *,
-    lower: float = -np.inf,
-    upper: float = np.inf,
     unknown: Sequence[str] = (),
 ) -> Finding:
-    """Judge intervals that shall lie between two bounds; one that lies outside contradicts."""
-    within = [lower <= low and high <= upper for low, high in intervals]
-    outside = sum(high < lower or low > upper for low, high in intervals)
+    """Judge p-values of lying on the side of a bound that is claimed, and on the other, which contradicts."""
+    within = [p < EITHER_SIDE for p, _ in found]
+    outside = sum(p < EITHER_SIDE for p in holm([p for _, p in found], len(cells)))
     text = f"{sum(within)} of {len(cells)} cells {asked}" + (f", {outside} not" if outside else "")
     return _conclude(rows, cells, within, len(cells), outside, text, unknown)
+
+
+def _of(values: Sequence[float]) -> Sample:
+    return Sample(np.mean(values), np.std(values, ddof=1), len(values))
 
 
 def _welch_of_values(a: Sequence[float], b: Sequence[float], tail: str) -> float:

@@ -100,6 +100,23 @@ def seed_rate(rates: np.ndarray, n: np.ndarray) -> tuple[float, float]:
     return max(0.0, min(pooled.low, low)), min(1.0, max(pooled.high, high))
 
 
+def sides(of: Sample, value: float) -> tuple[float, float]:
+    """Return the p-values of Student's tests that a mean is above, and that it is below, a value."""
+    if of.sd == 0:
+        return np.nan, np.nan
+    t = stats.t(of.n - 1, loc=of.mean, scale=of.sd / np.sqrt(of.n))
+    return t.cdf(value), t.sf(value)
+
+
+def sides_of_rate(rates: np.ndarray, n: np.ndarray, value: float) -> tuple[float, float]:
+    """Return the same of a seed's rate: the larger of Student's p over seeds and the binomial one over all episodes."""
+    trials = stats.binom(sum(n), value)
+    successes = round(sum(rates * n))
+    pooled = trials.sf(successes - 1), trials.cdf(successes)
+    seeds = sides(Sample(np.mean(rates), np.std(rates, ddof=1), len(rates)), value)
+    return tuple(np.fmax(pooled, seeds))
+
+
 def rank_sum(lower: Sequence[float], higher: Sequence[float]) -> float:
     """Return the exact chance that ranks are as low as those of ``lower``, ties sharing theirs (Mann-Whitney)."""
     ranks = stats.rankdata([*lower, *higher])

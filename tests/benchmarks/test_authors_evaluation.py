@@ -1,18 +1,13 @@
 from __future__ import annotations
 
-import pathlib
-
 import numpy as np
-import pandas as pd
 import pytest
 import torch
 
-from benchmarks import authors_evaluation, evidence, registry
-from benchmarks.__main__ import main
+from benchmarks import authors_evaluation, registry
 from bgn import domains
 from bgn.agents.networks import AgentNetworks
 from bgn.agents.specs import agent
-from bgn.results.store import Store
 from bgn.training.evaluation import evaluate
 
 SETTINGS = registry.load().presets["authors-code"].hyperparameters("hallway")
@@ -45,20 +40,3 @@ def test_it_favours_short_episodes(monkeypatch: pytest.MonkeyPatch) -> None:
     )
     unbiased = evaluate(networks(), domain, SETTINGS, 1000, greedy=True)["return"]
     assert lucky > unbiased
-
-
-def test_measured_from_stored_policies_and_read_back(tmp_path: pathlib.Path) -> None:
-    options = ["--results", str(tmp_path), "--budget", "smoke"]
-    assert (
-        main(["run", *options, "--domain", "hallway", "--agent", "ab-cb", "--seeds", "0", "--jobs", "1"]) == 0
-    )
-    assert main(["measure", *options]) == 0
-    found = evidence.load(tmp_path, budget="smoke")
-    (measured,) = found.runs["first_100_return"]
-    policy = found.store.policy("hallway/ab-cb/seed-0")
-    assert measured == authors_evaluation.measure_policy(policy, seed=0)["first_100_return"]
-    (cell,) = found.cells.to_dict("records")
-    assert (cell["authors_metric"], cell["authors_runs"]) == ("first_100_return", 1)
-    assert cell["authors_mean"] == measured
-    assert authors_evaluation.measure(Store(found.store.root), ["hallway"]) == 0  # nothing is left to measure
-    assert pd.notna(found.cells["mean"]).all()
