@@ -53,10 +53,10 @@ def speed_of_learning(scores: Scores) -> str:
             sooner, later = sooner + (ours < theirs), later + (ours > theirs)
     if not both:
         return "No domain is stored in which Ah-Ch+BGN and Ah-Ch could be compared."
+    neither = "" if sooner + later == both else "; in the others neither gets there"
     return (
         f"The median run of Ah-Ch+BGN gets to 90 % of the best return sooner than Ah-Ch's in {sooner} of {both} "
-        f"domains, later in {later}{'' if sooner + later == both else '; in the others neither gets there'}. Whether that is "
-        "significant is the claim `learns-faster`."
+        f"domains, later in {later}{neither}. Whether that is significant is the claim `learns-faster`."
     )
 
 
