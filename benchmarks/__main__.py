@@ -71,13 +71,14 @@ def _status(error: BgnError) -> int:
 def _command(benchmark: Registry, options: argparse.Namespace, work: Work, console: Console) -> int:
     if options.command in sharing.COMMANDS:
         return sharing.run(options, work, console)
+    selections = [_select(benchmark, options, name) for name in dict.fromkeys(options.budget)]
     if options.command == "run":
-        return _run_budgets(_select_budgets(benchmark, options), options, work, console)
-    selection = _select(benchmark, options, options.budget)
+        longest_first = sorted(selections, key=lambda selection: -selection.env_steps())
+        return _run_budgets(longest_first, options, work, console)
     if options.results != _RESULTS and not options.results.is_dir():
         raise StoreError(f"--results {options.results}: there is no such folder")
     show = {"status": _show_status, "tables": _show_tables, "measure": _measure}[options.command]
-    return show(selection, options, console)
+    return max(show(selection, options, console) for selection in selections)
 
 
 def _run_budgets(
@@ -270,12 +271,6 @@ def _measure(selection: Selection, options: argparse.Namespace, console: Console
     return 0
 
 
-def _select_budgets(benchmark: Registry, options: argparse.Namespace) -> list[Selection]:
-    """Return what is asked for of every budget, the longest training first."""
-    selections = [_select(benchmark, options, name) for name in dict.fromkeys(options.budget)]
-    return sorted(selections, key=lambda one: -one.env_steps())
-
-
 def _select(benchmark: Registry, options: argparse.Namespace, budget_name: str) -> Selection:
     budget = benchmark.budget(budget_name)
     preset = options.preset or benchmark.preset_of(budget_name)
@@ -337,7 +332,7 @@ def _parser(benchmark: Registry) -> argparse.ArgumentParser:
     )
     measure.set_defaults(domain=None, agent=None, reference=None, seeds=None)
     for command in (run, status, tables, measure):
-        _add_store(command, benchmark, several_budgets=command is run)
+        _add_store(command, benchmark)
     for command in (run, status):
         _add_selection(command, benchmark)
     sharing.add_commands(commands, benchmark)
@@ -366,19 +361,14 @@ def _parser(benchmark: Registry) -> argparse.ArgumentParser:
     return parser
 
 
-def _add_store(
-    command: argparse.ArgumentParser, benchmark: Registry, *, several_budgets: bool = False
-) -> None:
+def _add_store(command: argparse.ArgumentParser, benchmark: Registry) -> None:
     _add_registry(command)
     default = benchmark.defaults.budget
-    known = f"{', '.join(benchmark.budgets)} (default: {default})"
-    if several_budgets:
-        several = (
-            f"one or several of {known}; on a CPU, runs that begin alike are trained once where possible"
-        )
-        command.add_argument("--budget", nargs="+", default=[default], help=several)
-    else:
-        command.add_argument("--budget", default=default, help=known)
+    several = (
+        f"one or several of {', '.join(benchmark.budgets)} (default: {default}); `run` trains what begins alike once, "
+        "where it can"
+    )
+    command.add_argument("--budget", nargs="+", default=[default], help=several)
     own = [f"{entry.preset} for {name}" for name, entry in benchmark.budgets.items() if entry.preset]
     usual = ", ".join([*own, benchmark.defaults.preset + (" for the others" if own else "")])
     command.add_argument("--preset", help=f"{', '.join(benchmark.presets)} (default: {usual})")

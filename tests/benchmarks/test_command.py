@@ -224,6 +224,16 @@ def test_tables_of_nothing(tmp_path: pathlib.Path, capsys: Capture) -> None:
     assert "Nothing is stored" in capsys.readouterr().out
 
 
+def test_several_budgets_are_shown_in_the_order_asked_for(tmp_path: pathlib.Path, capsys: Capture) -> None:
+    asked = ["--results", str(tmp_path), "--budget", "smoke", "laptop", "smoke"]
+    assert main(["status", *asked]) == 0
+    printed = capsys.readouterr().out
+    assert printed.count("Runs done, budget") == 2
+    assert printed.index("budget smoke") < printed.index("budget laptop")
+    assert main(["tables", *asked]) == 0
+    assert capsys.readouterr().out.count("Nothing is stored in") == 2
+
+
 def test_a_folder_that_is_not_there_is_an_error(tmp_path: pathlib.Path, capsys: Capture) -> None:
     for command in ("tables", "status", "measure"):
         assert main([command, "--results", str(tmp_path / "nowhere")]) == 2
