@@ -148,6 +148,7 @@ def readme_block(found: PooledEvidence) -> str:
         f"- **Speed of learning.** {answers.speed_of_learning(scores)}",
         f"- **Grounding.** {answers.grounding(scores)}",
         f"- **Robot domains.** {answers.robots(scores)}",
+        f"- **Collapses.** {answers.lost_success(found, scores)}",
         f"- **Cost.** {answers.cost(found.runs)}",
         "",
     ]

@@ -115,6 +115,8 @@ def further_tables(found: StoredEvidence) -> list[TextTable]:
     habits = tables.policies_habits(found)
     if habits.rows:
         shown.append(habits)
+    if found.family("robot"):
+        shown.append(tables.success_collapses(found, found.scores))
     if not found.references.empty:
         shown.append(tables.reference_policies(found))
     return shown

@@ -67,6 +67,19 @@ display.table(tables.success_rates(evidence))
 display.figure(curves.success_curves(evidence.scores, evidence.agent_titles))
 
 # %% [markdown]
+# ## Who loses what was learnt
+#
+# A run that has learnt a task may stop succeeding altogether, and later succeed again. It has then stopped grasping: its episodes
+# run into the time limit (50 steps in TopPlate, 100 in TwoBumps-2D), and its entropy is that of moving at random without a grasp
+# (ln 2 = .69 and ln 4 = 1.39 nats). A grasp is what rewards come from, so little but the entropy bonus brings it back. An
+# evaluation of the final policy finds such a run wherever it happens to be when training ends; the last fifth of training says
+# what it does on average.
+
+# %%
+display.answer(answers.lost_success(evidence, evidence.scores))
+display.table(tables.success_collapses(evidence, evidence.scores))
+
+# %% [markdown]
 # ## Where the layers start
 #
 # The paper does not say how weights start. Started as in the authors' code, the networks are nearly blind to the finger's position at first;

@@ -8,6 +8,7 @@ import pandas as pd
 from bgn.analysis import criteria
 from bgn.analysis.cells import env_steps
 from bgn.analysis.claims import ACCURATE_NATS
+from bgn.analysis.collapses import LEARNT, collapses
 from bgn.analysis.criteria import Answer
 from bgn.analysis.evidence import Evidence
 from bgn.analysis.scores import Scores
@@ -100,6 +101,27 @@ def robots(scores: Scores) -> str:
     return (
         f"Ah-Ch+BGN is shown to succeed in at least {1 - max(d.tolerance for d in domains):.0%} of episodes in "
         f"{ours} of {len(domains)} domains; of all agents stored, {', '.join(parts)} are."
+    )
+
+
+def lost_success(evidence: Evidence, scores: Scores) -> str:
+    """Say which agents' runs lose a robot domain that they had learnt in part, and which never do."""
+    found = {
+        title: [
+            collapses(curve).count > 0
+            for domain in evidence.family("robot")
+            for curve in scores.cell_curves((domain.id, agent))
+        ]
+        for agent, title in evidence.agent_titles.items()
+    }
+    falling = [f"{sum(fell)} of {len(fell)} runs of {title}" for title, fell in found.items() if any(fell)]
+    steady = [f"{len(fell)} of {title}" for title, fell in found.items() if fell and not any(fell)]
+    if not falling:
+        runs = f"runs ({', '.join(steady)})" if steady else "run stored"
+        return f"No {runs} in which success falls to nothing after a robot domain was learnt in part."
+    return (
+        f"In the robot domains success falls to nothing after it had been {LEARNT:.0%} or more, once or several times, "
+        f"in {', '.join(falling)}" + (f"; never in {', '.join(steady)}." if steady else ".")
     )
 
 

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from statistics import fmean
 
 import pandas as pd
 
 from bgn.analysis import paper
 from bgn.analysis.cells import DomainRow
+from bgn.analysis.collapses import LEARNT, LOST, collapses, late_success
 from bgn.analysis.criteria import Answer
 from bgn.analysis.evidence import Evidence
 from bgn.analysis.habits import HABITS, Habit
+from bgn.analysis.scores import Scores
 from bgn.analysis.text_table import BLANK, TextTable, plus_minus
 from bgn.analysis.verdicts import Verdict
 from bgn.domains.episode_opening import CLEAN, HIDDEN
@@ -35,6 +38,7 @@ _METRICS = {
     "first_100_return": "the first 100 greedy episodes to finish in 16 lanes",
 }
 _LEGEND = "Verdicts: " + "; ".join(f"{mark} {verdict.value}" for verdict, mark in _MARKS.items() if mark)
+_COLLAPSES = ("collapses", "end lost", "nats, lost", "steps, lost", "last fifth")
 _CI = 1.96  # half-width of a 95 % interval in standard errors
 
 
@@ -222,6 +226,26 @@ def policies_habits(evidence: Evidence) -> TextTable:
     return TextTable("What policies do in the robot domains", ["Habit", *titles], rows, notes, labels=1)
 
 
+def success_collapses(evidence: Evidence, scores: Scores) -> TextTable:
+    """Return how often runs in the robot domains lose what they had learnt, and how much of it comes back."""
+    agents = [a for a in evidence.agent_titles if any(scores.cell_curves((d.id, a)) for d in scores.domains)]
+    rows = []
+    for domain in evidence.family("robot"):
+        entries = [_collapses(scores.cell_curves((domain.id, agent))) for agent in agents]
+        shown = [label for label in _COLLAPSES if any(entry[label] != BLANK for entry in entries)]
+        for label in shown:
+            title = domain.title if label == shown[0] else ""
+            rows.append([title, label, *(entry[label] for entry in entries)])
+    notes = [
+        f"Collapses (recoveries): how often success in the last 100 training episodes falls from {LEARNT:.2f} or more "
+        f"to {LOST:.2f} or less, and comes back to {LEARNT:.2f}. Over all runs, at the points that curves have: lower "
+        "bounds. Lost: after the one, before the other; the policy's mean entropy there, and the steps to an episode.",
+        "Last fifth: success over the last fifth of training, mean ± standard deviation over runs.",
+    ]
+    titles = [evidence.agent_titles[agent] for agent in agents]
+    return TextTable("Collapses in the robot domains", ["Domain", "", *titles], rows, notes)
+
+
 def reference_policies(evidence: Evidence) -> TextTable:
     """Return every reference policy under both conventions."""
     rows = []
@@ -320,6 +344,23 @@ def _shares(runs: pd.DataFrame, habit: Habit) -> str:
         return BLANK
     shares = runs[habit.share_column]
     return f"{shares.mean():.0%} ({shares.min():.0%} to {shares.max():.0%}), {len(runs)}"
+
+
+def _collapses(curves: Sequence[pd.DataFrame]) -> Mapping[str, str]:
+    """Return a cell's entries by label."""
+    if not curves:
+        return dict.fromkeys(_COLLAPSES, BLANK)
+    found = [collapses(curve) for curve in curves]
+    lost = [one for one in found if not math.isnan(one.entropy)]
+    late = pd.Series([late_success(curve) for curve in curves])
+    entries = (
+        f"{sum(c.count for c in found)} ({sum(c.recoveries for c in found)})",
+        f"{sum(c.ends_lost for c in found)} of {len(found)}",
+        f"{fmean(c.entropy for c in lost):.2f}" if lost else BLANK,
+        f"{fmean(c.episode_steps for c in lost):.0f}" if lost else BLANK,
+        plus_minus(float(late.mean()), float(late.std(ddof=0))),
+    )
+    return dict(zip(_COLLAPSES, entries, strict=True))
 
 
 def _printed(printed: paper.Printed | None) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pandas as pd
 
 from bgn.analysis import answers
+from tests.analysis._evidence import curve, evidence, run, scores
 
 
 def runs(**devices: int) -> pd.DataFrame:
@@ -32,3 +33,19 @@ def test_one_claim_holds_and_two_hold() -> None:
 
     assert said("holds", "does not hold", "does not hold") == "Of 3 claims: 1 holds, 2 do not hold."
     assert said("holds", "holds", "does not hold") == "Of 3 claims: 2 hold, 1 does not hold."
+
+
+def test_who_loses_what_was_learnt() -> None:
+    def said(**successes: list[float]) -> str:
+        agents = {"plain": "ah-ch", "grounded": "ah-ch+bgn"}
+        found = [run("top-plate", agents[name]) for name in successes]
+        curves = [curve("top-plate", agents[n], 0, [1, 2, 3], values) for n, values in successes.items()]
+        curves = [c.assign(entropy=0.0) for c in curves]
+        return answers.lost_success(evidence(found), scores(found, curves))
+
+    assert "in 1 of 1 runs of Ah-Ch; never in 1 of Ah-Ch+BGN." in said(plain=[0, 1, 0], grounded=[0, 1, 1])
+    assert said(plain=[0, 1, 0]).endswith("in 1 of 1 runs of Ah-Ch.")
+    assert said(plain=[0, 0.1, 0]).startswith("No runs (1 of Ah-Ch) in which")
+    assert answers.lost_success(evidence([run("hallway", "ah-ch")]), scores([])).startswith(
+        "No run stored in"
+    )

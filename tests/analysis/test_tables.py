@@ -11,7 +11,7 @@ from bgn.analysis import tables
 from bgn.analysis.claims import judge_claims
 from bgn.analysis.scores import Scores
 from bgn.analysis.text_table import TextTable, plus_minus
-from tests.analysis._evidence import DOMAINS, STEPS, evidence, reference, run
+from tests.analysis._evidence import DOMAINS, STEPS, curve, evidence, reference, run, scores
 
 RUNS = [
     run("hallway", "ah-ch+bgn", 0, greedy_return=0.52, train_return=0.4, first_100_return=0.54),
@@ -162,3 +162,26 @@ def test_plus_minus() -> None:
     assert plus_minus(1.0, 0.25) == "1.00±0.25"
     assert plus_minus(1.0, None) == "1.00"
     assert plus_minus(None, 0.1) == plus_minus(float("nan"), 0.1) == "–"
+
+
+def test_collapses_by_hand() -> None:
+    lost = {"episodes": [1000, 2000, 3000, 4000], "entropy": [0.1, 0.2, 0.7, 0.8]}
+    steps = [100_000, 200_000, 300_000, 400_000]
+    curves = [
+        curve("top-plate", "ah-ch", 0, steps, [0.0, 0.5, 0.0, 0.01], **lost),
+        curve("top-plate", "ah-ch", 1, steps, [0.0, 0.5, 0.0, 0.4], **lost),
+        curve("top-plate", "ah-ch+bgn", 0, steps, [0.0, 0.5, 0.9, 1.0], **lost),
+    ]
+    table = rows(tables.success_collapses(EVIDENCE, scores(RUNS, curves)))
+    assert table["TopPlate", "collapses"] == {
+        "Domain": "TopPlate",
+        "": "collapses",
+        "Ah-Ch": "2 (1)",
+        "Ah-Ch+BGN": "0 (0)",
+    }
+    assert table["TopPlate", "end lost"]["Ah-Ch"] == "1 of 2"
+    # Seed 0 is lost at .7 and .8 nats, seed 1 at .7; a thousand episodes to a hundred thousand steps.
+    assert table["TopPlate", "nats, lost"]["Ah-Ch"] == f"{(0.75 + 0.7) / 2:.2f}"
+    assert table["TopPlate", "steps, lost"]["Ah-Ch"] == "100"
+    assert table["TopPlate", "nats, lost"]["Ah-Ch+BGN"] == "–"
+    assert table["TopPlate", "last fifth"]["Ah-Ch+BGN"] == "1.00±0.00"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from bgn.analysis import answers
@@ -63,6 +64,26 @@ def test_robots_that_succeed_always(store: Store) -> None:
         f"of all agents stored, {', '.join(counts)} are."
     )
     assert said in answers.robots(stored(store).scores)
+
+
+@pytest.mark.parametrize("store", [*STORES, ("overnight", "reproduction")], ids="/".join)
+def test_who_loses_what_was_learnt(store: Store) -> None:
+    rows, said = published_rows.read(*store), answers.lost_success(stored(store), stored(store).scores)
+    fell = {}
+    for agent, title in stored(store).agent_titles.items():
+        curves = [c for domain in ROBOT for c in rows.curves.get((domain, agent), [])]
+        if curves:
+            fell[title] = sum(map(falls_to_nothing, curves)), len(curves)
+    for title, (count, runs) in fell.items():
+        assert (f"{count} of {runs} runs of {title}" if count else f"{runs} of {title}") in said
+    assert ("No runs" in said) == (sum(count for count, _ in fell.values()) == 0)
+
+
+def falls_to_nothing(curve: pd.DataFrame) -> bool:
+    """Say whether success is .01 or less anywhere after it was .2 or more, 100 episodes behind each point."""
+    success = curve.loc[curve["episodes"] >= 100, "success_100"].to_numpy()
+    learnt = np.flatnonzero(success >= 0.2)
+    return bool(len(learnt) and (success[learnt[0] :] <= 0.01).any())
 
 
 def sure(rows: Rows, cell: tuple[str, str]) -> bool:
