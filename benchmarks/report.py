@@ -78,7 +78,7 @@ def show_tables(
         if form is None:
             _print(table, console)
         else:
-            print(getattr(table, form)())
+            print(_formatted(table, form, selection))
     if writing is not None:
         with writing:
             _write(found, [*first, *rest], store)
@@ -86,6 +86,13 @@ def show_tables(
         said = [] if writing is None else [f"Written to {store.root / 'tables'}."]
         said += [] if everything else ["All tables: --all."]
         console.print(" ".join(said), highlight=False, soft_wrap=True)
+
+
+def _formatted(table: TextTable, form: Form, selection: Selection) -> str:
+    """Return a table for another program; as CSV, which has no title and no notes, every line says what it is of."""
+    if form == "csv":
+        return table.csv({"Table": table.title, "Budget": selection.budget, "Preset": selection.preset})
+    return str(getattr(table, form)())
 
 
 def _nothing(store: Store) -> str:

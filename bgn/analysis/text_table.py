@@ -6,8 +6,9 @@ import csv
 import html
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 from rich import box
 from rich.console import Group
@@ -35,15 +36,18 @@ class TextTable:
         notes = [f"- {note}" for note in self.notes]
         return "\n".join([f"## {self.title}", "", *lines, *([""] if notes else []), *notes, ""])
 
-    def csv(self) -> str:
-        """Return the table as comma-separated values: no title, no notes, every row with its first text."""
+    def csv(self, source: Mapping[str, str] = MappingProxyType({})) -> str:
+        """Return the table as comma-separated values: no title, no notes, every row with its first text.
+
+        ``source`` says where the values come from: columns at the left, by name.
+        """
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(self.columns)
+        writer.writerow([*source, *self.columns])
         first = ""
         for row in self.rows:
             first = row[0] or first
-            writer.writerow([first, *row[1:]])
+            writer.writerow([*source.values(), first, *row[1:]])
         return text.getvalue()
 
     def html(self) -> str:
