@@ -56,7 +56,11 @@ def test_the_authors_belief_weight_is_sixteen_over_the_dimension(domain: str, di
 
 def test_entropy_decays_in_rocksample_only() -> None:
     searched = {name for name in REGISTRY.presets if name.startswith("search-")}  # robot domains only
-    for preset in (REGISTRY.presets[name] for name in REGISTRY.presets.keys() - searched):
+    ablation = REGISTRY.presets["ablate-entropy-decay"].hyperparameters("rocksample-4-4")
+    assert ablation.entropy_weight_start == ablation.entropy_weight_end == 0.01
+    for preset in (
+        REGISTRY.presets[n] for n in REGISTRY.presets.keys() - searched - {"ablate-entropy-decay"}
+    ):
         decaying = preset.hyperparameters("rocksample-4-4")
         assert (decaying.entropy_weight_start, decaying.entropy_weight_end) == (2.0, 2e-5)
         constant = preset.hyperparameters("hallway-2")
