@@ -131,7 +131,14 @@ def further_tables(found: StoredEvidence) -> list[TextTable]:
 
 def _print(table: TextTable, console: Console, width: int = TABLE_WIDTH) -> None:
     """Print a table at its full width: a narrow terminal may break its lines, but loses no number."""
-    console.print(table.rich(), width=max(min(console.width, 2 * width), width), crop=False)
+    terminal = console.width
+    console.width = max(
+        min(terminal, 2 * width), width, table.narrowest
+    )  # print() takes no width above the console's
+    try:
+        console.print(table.rich(), crop=False)
+    finally:
+        console.width = terminal
 
 
 def _count(statuses: Sequence[Status]) -> str:

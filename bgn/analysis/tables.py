@@ -214,12 +214,20 @@ def policies_habits(evidence: Evidence) -> TextTable:
     }
     shown = [agent for agent, found in measured.items() if any(len(runs) for runs in found.values())]
     rows = []
-    for habit in HABITS:
-        if any(len(measured[agent][habit.id]) for agent in shown):
-            rows.append([habit.asks, *(_shares(measured[agent][habit.id], habit) for agent in shown)])
+    for domain in evidence.family("robot"):
+        habits = [habit for habit in HABITS if habit.domain == domain.id]
+        habits = [habit for habit in habits if any(len(measured[agent][habit.id]) for agent in shown)]
+        for habit in habits:
+            if habit is habits[0]:
+                runs = [len(measured[agent][habit.id]) or BLANK for agent in shown]
+                rows.append([f"{domain.title}, policies", *map(str, runs)])
+            shares = [_shares(measured[agent][habit.id], habit) for agent in shown]
+            rows.append([habit.asks, *(mean for mean, _ in shares)])
+            if any(span for _, span in shares):
+                rows.append(["", *(span for _, span in shares)])
     notes = [
-        "Share of the starts in question from which a policy does so, mean over the policies measured, from lowest to "
-        "highest, n. Policies take their most probable action from every possible start: shares are exact.",
+        "Share of the starts in question from which a policy does so, in percent: mean over the policies measured; "
+        "below, lowest to highest. Policies take their most probable action, from every possible start: exact shares.",
         "`python -m benchmarks measure` measures the policies that are stored.",
     ]
     titles = [evidence.agent_titles[agent] for agent in shown]
@@ -339,11 +347,17 @@ def _measured(evidence: Evidence, habit: Habit, agent: str) -> pd.DataFrame:
     return runs[(runs["domain"] == habit.domain) & (runs["agent"] == agent)]
 
 
-def _shares(runs: pd.DataFrame, habit: Habit) -> str:
+def _shares(runs: pd.DataFrame, habit: Habit) -> tuple[str, str]:
+    """Return the mean share, and from which to which they go where there are several."""
     if runs.empty:
-        return BLANK
+        return BLANK, ""
     shares = runs[habit.share_column]
-    return f"{shares.mean():.0%} ({shares.min():.0%} to {shares.max():.0%}), {len(runs)}"
+    span = f"{_percent(shares.min())}-{_percent(shares.max())}" if len(shares) > 1 else ""
+    return _percent(shares.mean()), span
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f}"
 
 
 def _collapses(curves: Sequence[pd.DataFrame]) -> Mapping[str, str]:

@@ -11,11 +11,13 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from rich import box
-from rich.console import Group
+from rich.console import Group, JustifyMethod
 from rich.table import Table
 from rich.text import Text
 
 BLANK = "–"
+_BETWEEN, _EDGES = 3, 2  # characters between two columns of a rich table, and at its ends
+_SHORT = 26
 
 
 @dataclass(frozen=True)
@@ -77,14 +79,28 @@ class TextTable:
         lines += [r"\bottomrule", r"\end{tabular}", ""]
         return "\n".join([f"% {self.title}", *lines, *(f"% {note}" for note in self.notes), ""])
 
+    @property
+    def narrowest(self) -> int:
+        """Least number of characters in which :meth:`rich` shows numbers and short titles whole and breaks no word."""
+        columns = list(zip(self.columns, *self.rows, strict=True))
+        whole = [max(map(len, texts)) for texts in columns]
+        words = [max(len(word) for text in texts for word in ["", *text.split()]) for texts in columns]
+        least = [words[i] if self._wraps(i) else whole[i] for i in range(len(columns))]
+        return sum(least) + _BETWEEN * (len(columns) - 1) + _EDGES
+
+    def _wraps(self, column: int) -> bool:
+        """Say whether a column may be broken into lines: labels may, but for titles that are short."""
+        texts = [self.columns[column], *(row[column] for row in self.rows)]
+        return column < self.labels and (column > 0 or max(map(len, texts)) > _SHORT)
+
     def rich(self) -> Group:
         """Return the table for a rich console."""
         table = Table(
             title=self.title, title_justify="left", title_style="bold", pad_edge=False, box=box.HORIZONTALS
         )
         for number, column in enumerate(self.columns):
-            label = number < self.labels
-            table.add_column(Text(column), justify="left" if label else "right", no_wrap=not label)
+            justify: JustifyMethod = "left" if number < self.labels else "right"
+            table.add_column(Text(column), justify=justify, no_wrap=not self._wraps(number))
         grouped = any(not row[0] for row in self.rows)
         for number, row in enumerate(self.rows):
             last = number + 1 == len(self.rows) or bool(self.rows[number + 1][0])

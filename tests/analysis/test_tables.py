@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import pandas as pd
 import pytest
+from rich.console import Console
 
 from bgn.analysis import tables
 from bgn.analysis.claims import judge_claims
@@ -185,3 +186,16 @@ def test_collapses_by_hand() -> None:
     assert table["TopPlate", "steps, lost"]["Ah-Ch"] == "100"
     assert table["TopPlate", "nats, lost"]["Ah-Ch+BGN"] == "–"
     assert table["TopPlate", "last fifth"]["Ah-Ch+BGN"] == "1.00±0.00"
+
+
+def test_a_table_loses_no_number_and_breaks_no_word_at_its_least_width() -> None:
+    row = ["TwoBumps-1D", "sampled success", "0.99±0.01 (5)"]
+    table = TextTable("T", ["Domain", "", "Ah-Ch"], [row])
+    assert table.narrowest == len("TwoBumps-1D") + len("sampled") + len("0.99±0.01 (5)") + 2 * 3 + 2
+    printed = io.StringIO()
+    Console(width=table.narrowest, file=printed).print(table.rich())
+    assert "…" not in printed.getvalue()
+    assert all(word in printed.getvalue() for word in ("TwoBumps-1D", "sampled", "success", "0.99±0.01 (5)"))
+    too_narrow = io.StringIO()
+    Console(width=table.narrowest - 1, file=too_narrow).print(table.rich())
+    assert "…" in too_narrow.getvalue()
