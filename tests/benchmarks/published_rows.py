@@ -18,7 +18,16 @@ from tests.benchmarks import recomputed_statistics as statistics
 from tests.benchmarks.recomputed_statistics import HORIZONS, METRICS, TABLE_6, Sample
 
 RESULTS = pathlib.Path(__file__).parents[2] / "results" / "published"
-CURVES = ["run", "key", "env_steps", "episodes", "return_100", "success_100", "belief_cross_entropy"]
+CURVES = [
+    "run",
+    "key",
+    "env_steps",
+    "episodes",
+    "return_100",
+    "success_100",
+    "belief_cross_entropy",
+    "entropy",
+]
 Cell = tuple[str, str]
 
 
