@@ -14,9 +14,11 @@ import os
 import pathlib
 import sys
 import time
+from collections import Counter
 from collections.abc import Generator, Iterator, Mapping, Sequence
 
 from rich.console import Console
+from rich.progress import track
 
 from benchmarks import adoption, beginnings, plan, progress, registry, report, sharing
 from benchmarks.events import Event, Idle
@@ -258,16 +260,21 @@ def _show_tables(selection: Selection, options: argparse.Namespace, console: Con
 def _measure(selection: Selection, options: argparse.Namespace, console: Console) -> int:
     from benchmarks import measures  # imported here because torch takes seconds
 
-    wanted = measures.measures_of(selection.registry)
     store = selection.store(options.results)
     if not (store.root / "policies").is_dir():
         raise StoreError(
             f"{store.root} holds no policies to measure; `python -m benchmarks run` with the same options leaves them"
         )
+    of_domains = measures.measures_of(selection.registry)
+    wanted = {domain: of_domains[domain] for domain in selection.domains if domain in of_domains}
+    counts: Counter[str] = Counter()
     with writing_to(store.root), store.lock():
-        measured = measures.measure(store, wanted)
-    titles = [domains.get(domain).title for domain in selection.domains if domain in wanted]
-    console.print(f"Measured {measured} policies of {', '.join(titles)}.", highlight=False)
+        left = [row for row in measures.unmeasured(store, wanted) if row["agent"] in selection.agents]
+        for row in track(left, "Measuring", console=console, transient=True, disable=not console.is_terminal):
+            counts[domains.get(row["domain"]).title] += measures.measure(store, row, wanted)
+    said = ", ".join(f"{title} {count}" for title, count in counts.items() if count)
+    nothing = "No stored policy is left to measure."
+    console.print(f"Policies measured: {said}." if said else nothing, highlight=False)
     return 0
 
 
@@ -330,11 +337,15 @@ def _parser(benchmark: Registry) -> argparse.ArgumentParser:
         help="measure stored policies: the Hallways as the authors did, in the robot domains what they do",
         allow_abbrev=False,
     )
-    measure.set_defaults(domain=None, agent=None, reference=None, seeds=None)
+    measure.set_defaults(reference=None, seeds=None)
     for command in (run, status, tables, measure):
         _add_store(command, benchmark)
     for command in (run, status):
-        _add_selection(command, benchmark)
+        _add_selection(command, benchmark, "domain", "agent", "reference")
+        command.add_argument(
+            "--seeds", type=parse_seeds, help="such as 0-9 or 0,2,5-7 (default: the budget's)"
+        )
+    _add_selection(measure, benchmark, "domain", "agent")
     sharing.add_commands(commands, benchmark)
     run.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="where to train (default: cpu)")
     run.add_argument(
@@ -380,11 +391,10 @@ def _add_store(command: argparse.ArgumentParser, benchmark: Registry) -> None:
     )
 
 
-def _add_selection(command: argparse.ArgumentParser, benchmark: Registry) -> None:
-    for kind in ("domain", "agent", "reference"):
+def _add_selection(command: argparse.ArgumentParser, benchmark: Registry, *kinds: str) -> None:
+    for kind in kinds:
         known = ", ".join(getattr(benchmark, kind + "s"))
         command.add_argument(f"--{kind}", nargs="+", metavar=kind.upper(), help=f"only these of {known}")
-    command.add_argument("--seeds", type=parse_seeds, help="such as 0-9 or 0,2,5-7 (default: the budget's)")
 
 
 #: Far more than anybody trains, few enough to be listed.

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import math
 import pathlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -39,20 +40,27 @@ def measures_of(registry: Registry) -> Mapping[str, Measure]:
     return found | {habit.domain: _habits for habit in habits.HABITS if habit.domain in registry.domains}
 
 
-def measure(store: Store, wanted: Mapping[str, Measure]) -> int:
-    """Measure every finished run of these domains whose policy is stored; return how many were measured now."""
+def unmeasured(store: Store, wanted: Mapping[str, Measure]) -> list[Mapping[Hashable, Any]]:
+    """Return the rows of finished runs in these domains whose policies are stored and were not measured yet."""
     runs, measures = store.read("runs"), store.read("measures")
     known = set(zip(measures["run"], measures["key"], strict=True)) if len(measures) else set()
-    measured = 0
-    for row in runs.to_dict("records") if len(runs) else ():
-        run, key = str(row["run"]), str(row["key"])
-        chosen = row["status"] == "ok" and row["domain"] in wanted and (run, key) not in known
-        if chosen and store.policy(run).is_file():
-            values = measure_policy(store.policy(run), wanted[row["domain"]], seed=int(row["seed"]))
-            if values:
-                store.write("measures", run, pa.Table.from_pylist([{"run": run, "key": key, **values}]))
-                measured += 1
-    return measured
+    return [
+        row
+        for row in (runs.to_dict("records") if len(runs) else ())
+        if row["status"] == "ok"
+        and row["domain"] in wanted
+        and (row["run"], row["key"]) not in known
+        and store.policy(row["run"]).is_file()
+    ]
+
+
+def measure(store: Store, row: Mapping[Hashable, Any], wanted: Mapping[str, Measure]) -> bool:
+    """Measure the policy of a run and store what came out; say whether anything did."""
+    run, key = row["run"], row["key"]
+    values = measure_policy(store.policy(run), wanted[row["domain"]], seed=int(row["seed"]))
+    if values:
+        store.write("measures", run, pa.Table.from_pylist([{"run": run, "key": key, **values}]))
+    return bool(values)
 
 
 def measure_policy(path: pathlib.Path, wanted: Measure, *, seed: int) -> Mapping[str, float]:

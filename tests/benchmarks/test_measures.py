@@ -29,8 +29,29 @@ def test_measured_from_stored_policies_and_read_back(tmp_path: pathlib.Path) -> 
     (cell,) = found.cells.to_dict("records")
     assert (cell["authors_metric"], cell["authors_runs"]) == ("first_100_return", 1)
     assert cell["authors_mean"] == measured
-    assert measures.measure(Store(found.store.root), wanted) == 0  # nothing is left to measure
+    assert measures.unmeasured(Store(found.store.root), wanted) == []
     assert pd.notna(found.cells["mean"]).all()
+
+
+def test_only_what_is_asked_for_is_measured_and_named(
+    tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ["--results", str(tmp_path), *SMOKE]
+    agents = ["--agent", "ab-cb", "ah-ch"]
+    assert (
+        main(["run", *options, "--domain", "hallway", "top-plate", *agents, "--seeds", "0", "--jobs", "1"])
+        == 0
+    )
+
+    def said(*more: str) -> str:
+        capsys.readouterr()
+        assert main(["measure", *options, *more]) == 0
+        return capsys.readouterr().out.strip()
+
+    assert said("--domain", "two-bumps-1d") == "No stored policy is left to measure."
+    assert said("--agent", "ah-ch", "--domain", "hallway") == "Policies measured: Hallway 1."
+    assert said() == "Policies measured: Hallway 1, TopPlate 2."
+    assert said() == "No stored policy is left to measure."
 
 
 def test_habits_of_the_robot_domains(tmp_path: pathlib.Path) -> None:
