@@ -14,7 +14,6 @@ import os
 import pathlib
 import sys
 import time
-from collections import Counter
 from collections.abc import Generator, Iterator, Mapping, Sequence
 
 from rich.console import Console
@@ -267,15 +266,16 @@ def _measure(selection: Selection, options: argparse.Namespace, console: Console
         )
     of_domains = measures.measures_of(selection.registry)
     wanted = {domain: of_domains[domain] for domain in selection.domains if domain in of_domains}
-    counts: Counter[str] = Counter()
     with writing_to(store.root), store.lock():
         left = [row for row in measures.unmeasured(store, wanted) if row["agent"] in selection.agents]
-        for row in track(left, "Measuring", console=console, transient=True, disable=not console.is_terminal):
-            counts[domains.get(row["domain"]).title] += measures.measure(store, row, wanted)
-    said = ", ".join(f"{title} {count}" for title, count in counts.items() if count)
-    nothing = "No stored policy is left to measure."
+        rows = track(left, "Measuring", console=console, transient=True, disable=not console.is_terminal)
+        counts, problems = measures.measure(store, rows, wanted)
+    said = ", ".join(f"{domains.get(domain).title} {count}" for domain, count in counts.items())
+    nothing = "No policy could be measured." if left else "No stored policy is left to measure."
     console.print(f"Policies measured: {said}." if said else nothing, highlight=False)
-    return 0
+    for problem in problems:
+        print(f"error: {problem}", file=sys.stderr)
+    return _FAILED if problems else 0
 
 
 def _select(benchmark: Registry, options: argparse.Namespace, budget_name: str) -> Selection:

@@ -86,15 +86,15 @@ def verify_archive(archive: pathlib.Path) -> list[str]:
 
 
 def verify_folder(results: pathlib.Path) -> list[str]:
-    """Return what is wrong with the files of a results folder; nothing is moved or changed."""
+    """Return what is wrong with the files of a results folder, which are named from there; nothing is changed."""
     problems = []
     for name in merging.stores(results):
         store = Store(results / name)
         for kind in _KINDS:
             for path in sorted((store.root / kind).rglob("[!.]*.parquet")):
-                problems += _problem(path, damage_of_shard(store, kind, path))
+                problems += _problem(path.relative_to(results), damage_of_shard(store, kind, path))
         for path in sorted((store.root / "policies").rglob("[!.]*.safetensors")):
-            problems += _problem(path, damage_of_policy(path))
+            problems += _problem(path.relative_to(results), damage_of_policy(path))
     return problems
 
 

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import math
 import pathlib
-from collections.abc import Callable, Hashable, Mapping
+from collections import Counter
+from collections.abc import Callable, Hashable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import safetensors
 import safetensors.torch
 import torch
 
@@ -25,7 +27,7 @@ from bgn.analysis import habits
 from bgn.analysis.habits import Episode
 from bgn.domains.domain import Domain
 from bgn.policies.every_start import every_start
-from bgn.policies.saved import describe
+from bgn.policies.saved import PolicyFileError, describe
 from bgn.results.store import Store
 
 Measure = Callable[[AgentNetworks, Domain, Hyperparameters, int], Mapping[str, float]]
@@ -54,22 +56,44 @@ def unmeasured(store: Store, wanted: Mapping[str, Measure]) -> list[Mapping[Hash
     ]
 
 
-def measure(store: Store, row: Mapping[Hashable, Any], wanted: Mapping[str, Measure]) -> bool:
-    """Measure the policy of a run and store what came out; say whether anything did."""
-    run, key = row["run"], row["key"]
-    values = measure_policy(store.policy(run), wanted[row["domain"]], seed=int(row["seed"]))
-    if values:
-        store.write("measures", run, pa.Table.from_pylist([{"run": run, "key": key, **values}]))
-    return bool(values)
+def measure(
+    store: Store, rows: Iterable[Mapping[Hashable, Any]], wanted: Mapping[str, Measure]
+) -> tuple[Counter[str], list[str]]:
+    """Measure the policies of these rows, and store what came out.
+
+    Return how many were measured in each domain, and what is wrong with those that could not be.
+    """
+    counts: Counter[str] = Counter()
+    problems = []
+    for row in rows:
+        run, key, domain = row["run"], row["key"], row["domain"]
+        try:
+            values = measure_policy(store.policy(run), wanted[domain], seed=int(row["seed"]))
+        except PolicyFileError as error:
+            problems.append(str(error))
+            continue
+        if values:
+            store.write("measures", run, pa.Table.from_pylist([{"run": run, "key": key, **values}]))
+            counts[domain] += 1
+    return counts, problems
 
 
 def measure_policy(path: pathlib.Path, wanted: Measure, *, seed: int) -> Mapping[str, float]:
-    """Return what is measured of one stored policy, by column."""
+    """Return what is measured of one stored policy, by column.
+
+    Raises
+    ------
+    bgn.policies.saved.PolicyFileError
+        The file is no policy, or not one whole policy.
+    """
     description = describe(path)
     domain = domains.get(description["domain"], **description["variant"])
     settings = Hyperparameters(**description["hyperparameters"])
     networks = AgentNetworks(agent(description["agent"]), domain, settings, (0,), torch.device("cpu"))
-    networks.parameters.load(0, safetensors.torch.load_file(path))
+    try:
+        networks.parameters.load(0, safetensors.torch.load_file(path))
+    except (safetensors.SafetensorError, ValueError) as error:
+        raise PolicyFileError(f"{path}: {error}") from error
     return wanted(networks, domain, settings, seed)
 
 

@@ -53,6 +53,15 @@ def test_only_what_is_asked_for_is_measured_and_named(
     assert said() == "Policies measured: Hallway 1, TopPlate 2."
     assert said() == "No stored policy is left to measure."
 
+    store = evidence.load(tmp_path, budget="smoke").store
+    for run in ("hallway/ab-cb/seed-0", "top-plate/ah-ch/seed-0"):
+        (store.root / "measures" / f"{run}.parquet").unlink()
+    store.policy("hallway/ab-cb/seed-0").write_bytes(b"no policy")
+    assert main(["measure", *options]) == 1  # the damaged one is named, the other is measured
+    printed = capsys.readouterr()
+    assert printed.out.strip() == "Policies measured: TopPlate 1."
+    assert "ab-cb/seed-0.safetensors is not a safetensors file" in printed.err
+
 
 def test_habits_of_the_robot_domains(tmp_path: pathlib.Path) -> None:
     options = ["--results", str(tmp_path), *SMOKE]
