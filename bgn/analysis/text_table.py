@@ -17,7 +17,7 @@ from rich.text import Text
 
 BLANK = "–"
 _BETWEEN, _EDGES = 3, 2  # characters between two columns of a rich table, and at its ends
-_SHORT = 26
+_SHORT_TITLE, _SHORT_LABEL = 26, 10
 
 
 @dataclass(frozen=True)
@@ -89,9 +89,9 @@ class TextTable:
         return sum(least) + _BETWEEN * (len(columns) - 1) + _EDGES
 
     def _wraps(self, column: int) -> bool:
-        """Say whether a column may be broken into lines: labels may, but for titles that are short."""
-        texts = [self.columns[column], *(row[column] for row in self.rows)]
-        return column < self.labels and (column > 0 or max(map(len, texts)) > _SHORT)
+        """Say whether a column may be broken into lines: labels may that are not short."""
+        longest = max(len(line[column]) for line in (self.columns, *self.rows))
+        return column < self.labels and longest > (_SHORT_LABEL if column else _SHORT_TITLE)
 
     def rich(self) -> Group:
         """Return the table for a rich console."""
