@@ -29,7 +29,8 @@ class Collapses:
     recoveries: int
     """How often it comes back to ``LEARNT`` after that."""
     entropy: float
-    """Mean entropy of the policy at the points at which success is lost, in nats; NaN without one."""
+    """Mean entropy of the policy at the points at which success is lost, in nats; NaN without one
+    or where curves do not show it."""
     episode_steps: float
     """Environment steps to an episode there, mean over these points; NaN without one."""
 
@@ -52,10 +53,9 @@ def collapses(curve: pd.DataFrame) -> Collapses:
         elif success <= LOST and learnt:
             count, learnt = count + 1, False
         lost[i] = count > recoveries and success <= LOST
-    lengths = (curve["env_steps"].diff() / curve["episodes"].diff()).to_numpy(dtype=float)
-    return Collapses(
-        count, recoveries, _mean(curve["entropy"].to_numpy(dtype=float)[lost]), _mean(lengths[lost])
-    )
+    lengths = curve["env_steps"].diff() / curve["episodes"].diff()
+    entropy = _mean(curve["entropy"][lost]) if "entropy" in curve else math.nan  # not every learner logs it
+    return Collapses(count, recoveries, entropy, _mean(lengths[lost]))
 
 
 def late_success(curve: pd.DataFrame, share: float = 0.2) -> float:
@@ -70,6 +70,5 @@ def late_success(curve: pd.DataFrame, share: float = 0.2) -> float:
     return float(np.trapezoid(values[late], steps[late]) / np.ptp(steps[late]))
 
 
-def _mean(values: np.ndarray) -> float:
-    values = values[np.isfinite(values)]
-    return float(values.mean()) if len(values) else math.nan
+def _mean(values: pd.Series) -> float:
+    return float(values[np.isfinite(values)].mean())

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from statistics import fmean
 
 import pandas as pd
 
@@ -365,13 +364,13 @@ def _collapses(curves: Sequence[pd.DataFrame]) -> Mapping[str, str]:
     if not curves:
         return dict.fromkeys(_COLLAPSES, BLANK)
     found = [collapses(curve) for curve in curves]
-    lost = [one for one in found if not math.isnan(one.entropy)]
+    entropy, steps = ([getattr(c, name) for c in found] for name in ("entropy", "episode_steps"))
     late = pd.Series([late_success(curve) for curve in curves])
     entries = (
         f"{sum(c.count for c in found)} ({sum(c.recoveries for c in found)})",
         f"{sum(c.ends_lost for c in found)} of {len(found)}",
-        f"{fmean(c.entropy for c in lost):.2f}" if lost else BLANK,
-        f"{fmean(c.episode_steps for c in lost):.0f}" if lost else BLANK,
+        plus_minus(pd.Series(entropy, dtype=float).mean(), None),
+        plus_minus(pd.Series(steps, dtype=float).mean(), None, 0),
         plus_minus(float(late.mean()), float(late.std(ddof=0))),
     )
     return dict(zip(_COLLAPSES, entries, strict=True))
