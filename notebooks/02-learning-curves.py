@@ -30,7 +30,7 @@ display.stamp(evidence)
 #
 # The paper draws these curves over its full horizon. Steps are on a logarithmic axis here, because most of the story happens
 # early. The dotted line is SARSOP's return when its episodes open the way the agents' do, with a hidden random action: it is the
-# best that is possible, and in RockSample it lies well below the SARSOP of the paper's table.
+# best that planning found, and in RockSample it lies well below the SARSOP of the paper's table.
 
 # %%
 display.figure(curves.training_curves(evidence.scores, evidence.agent_titles))

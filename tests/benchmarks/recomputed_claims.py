@@ -75,7 +75,7 @@ def better(higher: Sequence[str], lower: Sequence[str], domains: Sequence[str]) 
         alike = holm([tost(a, b, TOLERANCES[d]) for a, b, d in samples], len(pairs))
         # Better by less than the tolerance is better all the same.
         against = sum(not a and (b < ALPHA or e < ALPHA) for a, b, e in zip(above, below, alike, strict=True))
-        text = f"{sum(above)} of {len(pairs)} comparisons significant"
+        text = _significant(above, pairs)
         return _conclude(rows, cells, above, len(pairs), against, text + _contradict(against))
 
     return Question(cells, judge, asks_table_6=True)
@@ -238,7 +238,7 @@ def less_stable(agents: Sequence[str], calm: Sequence[str], domains: Sequence[st
         p_less = [_welch_of_values(falls[a], falls[b], "less") for a, b in met]
         more = [p < ALPHA for p in p_more]
         against = sum(p < ALPHA for p in holm(p_less, len(pairs)))
-        text = f"{sum(more)} of {len(pairs)} comparisons significant" + _contradict(against)
+        text = _significant(more, pairs) + _contradict(against)
         return _conclude(rows, cells, more, len(pairs), against, text)
 
     return Question(cells, judge)
@@ -284,7 +284,7 @@ def reconstructs(agent: str, domains: Sequence[str], nats: float) -> Question:
 
 
 def belief_goes_with_score(agents: Sequence[str], domains: Sequence[str]) -> Question:
-    """Ask for the correlation of divergence and score, both ranked within each domain, over all cells or none."""
+    """Ask for the correlation of divergence and score, both ranked within each cell, over all cells or none."""
     cells = _cells(domains, agents)
 
     def judge(rows: Rows) -> Finding:
@@ -293,13 +293,13 @@ def belief_goes_with_score(agents: Sequence[str], domains: Sequence[str]) -> Que
         lacking = "not run" if any(runs.empty for runs in found) else _lacking(rows, cells)
         runs = pd.concat(
             [
-                of_cell.assign(score=of_cell[METRICS[d]], domain=d)
-                for (d, _), of_cell in zip(there, found, strict=True)
+                of_cell.assign(score=of_cell[METRICS[cell[0]]], cell="/".join(cell))
+                for cell, of_cell in zip(there, found, strict=True)
             ]
-            or [pd.DataFrame(columns=["domain", "sampled_belief_kl", "score"])]
+            or [pd.DataFrame(columns=["cell", "sampled_belief_kl", "score"])]
         )
-        ranks = runs.groupby("domain")[["sampled_belief_kl", "score"]].rank(pct=True)
-        rho, p = within_groups(ranks["sampled_belief_kl"], ranks["score"], runs["domain"])
+        ranks = runs.groupby("cell")[["sampled_belief_kl", "score"]].rank(pct=True)
+        rho, p = within_groups(ranks["sampled_belief_kl"], ranks["score"], runs["cell"])
         if np.isnan(rho):
             return lacking or "inconclusive", "too few runs, or none differ"
         text = f"rank correlation {rho:.2f} over {len(runs)} runs, p = {p:.3f}"
@@ -444,7 +444,7 @@ CLAIMS: dict[str, Question] = {
     "similar-in-classic": similar([BGN, "ab-cb"], CLASSIC),
     "classic-penalises": penalised(CLASSIC),
     "robots-reward-success": only_success(ROBOT),
-    "learns-without-reward": learns_before_reward(BGN, ROBOT, 0.1, 0.1),
+    "learns-without-reward": learns_before_reward(BGN, ["two-bumps-2d"], 0.1, 0.1),
     "stops-without-reward": not_measured(),
     "better-features": not_measured(),
     "recovers-half": recovers_half("ab-cb+bgn", "ab-cb", BGN, ROBOT),
@@ -477,6 +477,11 @@ def _name(domains: Sequence[str], cells: Sequence[Cell]) -> str:
     of = set(domains)
     whole = len(of) > 1 and of == {d for d, _ in cells}
     return f"no reference rows of {'any domain' if whole else ', '.join(domains)}" if of else ""
+
+
+def _significant(judged: Sequence[bool], asked: Sequence[object]) -> str:
+    asked_for = f" ({len(asked)} asked for)" if len(asked) > len(judged) else ""
+    return f"{sum(judged)} of {len(judged)} comparisons significant{asked_for}"
 
 
 def _contradict(count: int) -> str:

@@ -13,6 +13,7 @@ from bgn.analysis.criteria.findings import (
     Answer,
     Finding,
     conclude,
+    counted,
     equivalences,
     lacking,
     pair_samples,
@@ -46,7 +47,7 @@ class Better:
         equal = equivalences(scores, ready)
         against = np.fmin(holm(worse, family=len(pairs)), holm(equal, family=len(pairs)))
         better = np.array(p_better) < SIGNIFICANCE  # if by little: what is better is not contradicted
-        counts = f"{better.sum()} of {len(pairs)} comparisons significant"
+        counts = counted(int(better.sum()), len(ready), len(pairs))
         refuted = int(np.sum((against < SIGNIFICANCE) & ~better))
         text = counts + (f", {refuted} contradict" if refuted else "")
         return conclude(scores, self.cells, p_better, refuted > 0, len(pairs), text)

@@ -83,6 +83,12 @@ def equivalences(scores: Scores, pairs: Sequence[Pair], tolerance: float | None 
     ]
 
 
+def counted(significant: int, judged: int, asked: int) -> str:
+    """Say how many of the comparisons that can be judged are significant, each by itself, and how many are asked."""
+    more = f" ({asked} asked for)" if judged < asked else ""
+    return f"{significant} of {judged} comparisons significant{more}"
+
+
 def lacking(scores: Scores, cells: Iterable[Cell]) -> Answer | None:
     """Return why not all cells can be judged, if so: one that is not run weighs more than a short one."""
     cells = tuple(cells)

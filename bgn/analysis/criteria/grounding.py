@@ -58,20 +58,20 @@ class BeliefGoesWithScore:
         return tuple(itertools.product(self.domains, self.agents))
 
     def judge(self, scores: Scores) -> Finding:
-        """Rank runs within each domain by divergence and by score, and correlate the ranks over all domains.
+        """Rank runs within each cell by divergence and by score, and correlate the ranks over all cells.
 
+        Not within a domain: an agent that sees the belief reconstructs its own input, so that its divergence is small
+        for a reason of its own, and between agents it goes with whatever else tells them apart.
         Unlike comparisons, of which one may contradict a claim for the rest, a correlation over some of the cells
         answers another question: nothing is judged until all are there, each with a divergence that was measured.
         """
         strata: list[tuple[Array, Array]] = []
         unmeasured = False
-        for domain in self.domains:
-            frames = [scores.cell_runs((domain, a)) for a in self.agents if scores.ready((domain, a))]
-            frames = [_measured(runs, "sampled_belief_kl") for runs in frames]
-            unmeasured |= any(runs.empty for runs in frames)
-            runs = pd.concat(frames) if frames else pd.DataFrame()
+        for cell in filter(scores.ready, self.cells):
+            runs = _measured(scores.cell_runs(cell), "sampled_belief_kl")
+            unmeasured |= runs.empty
             if len(runs):
-                kl, score = runs["sampled_belief_kl"], runs[scores.domain(domain).metric]
+                kl, score = runs["sampled_belief_kl"], runs[scores.domain(cell[0]).metric]
                 strata.append((kl.to_numpy(dtype=float), score.to_numpy(dtype=float)))
         rho, p = spearman_within(strata)
         known = not math.isnan(rho)

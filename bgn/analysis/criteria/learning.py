@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from bgn.analysis import aggregate
-from bgn.analysis.criteria.findings import Finding, above, beside, conclude, ready_pairs
+from bgn.analysis.criteria.findings import Finding, above, beside, conclude, counted, ready_pairs
 from bgn.analysis.scores import Scores
 from bgn.analysis.statistics import Sample, holm, rank_sum_p, welch_p
 from bgn.analysis.verdicts import SIGNIFICANCE, Cell
@@ -43,7 +43,7 @@ class LessStable:
         less_stable = [welch_p(a, b, tail="greater") for a, b in samples]
         against = holm([welch_p(a, b, tail="less") for a, b in samples], family=len(pairs))
         refuted = sum(p < SIGNIFICANCE for p in against)
-        counts = f"{sum(p < SIGNIFICANCE for p in less_stable)} of {len(pairs)} comparisons significant"
+        counts = counted(sum(p < SIGNIFICANCE for p in less_stable), len(ready), len(pairs))
         text = counts + (f", {refuted} contradict" if refuted else "")
         return conclude(scores, self.cells, less_stable, refuted > 0, len(pairs), text)
 
