@@ -50,5 +50,6 @@ def checked_out(commit: str, root: Path = ROOT) -> Iterator[Path]:
     ).stdout
     with tempfile.TemporaryDirectory(prefix="bgn-revision-") as folder:
         with tarfile.open(fileobj=io.BytesIO(packed)) as files:
-            files.extractall(folder, filter="data")
+            files.extraction_filter = getattr(tarfile, "data_filter", None)  # Python before 3.11.4 knows none
+            files.extractall(folder)
         yield Path(folder)

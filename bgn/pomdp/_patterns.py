@@ -16,11 +16,12 @@ _WORD = r"[A-Za-z][A-Za-z0-9_-]*+"
 _DIGITS = rf"[0-9]++{_END}"
 _NUMBER = rf"[+-]?(?:[0-9]++(?:\.[0-9]*+)?+|\.[0-9]++)(?:[eE][+-]?[0-9]++)?+{_END}"
 _NEXT = rf"(?!(?:discount|values|states|actions|observations|start){_END}|[TOR]{GAP}:)"
-_AT = rf"{GAP}:{GAP}(?:{_WORD}|{_DIGITS}|\*)"
+# Whatever is repeated is atomic (`?>`) too: before 3.11.5 Python repeats possessively only what holds no choice.
+_AT = rf"(?>{GAP}:{GAP}(?:{_WORD}|{_DIGITS}|\*))"
 
 
 def _run(item: str, start: str = "") -> str:
-    return rf"{item}(?:{GAP}{start}{item})*+"
+    return rf"{item}(?:(?>{GAP}{start}{item}))*+"
 
 
 NUMBERS: Final = _run(_NUMBER)
