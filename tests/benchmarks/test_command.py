@@ -77,7 +77,7 @@ def test_a_second_run_does_nothing_but_print(
     lines = [
         line for line in everything.splitlines() if str(tmp_path) not in line
     ]  # a path is as long as it is
-    assert max(map(len, lines)) <= 100
+    assert max(map(len, lines)) <= 110  # six agents with two numbers each need a little more than 100
     assert main([*show, "--format", "csv"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert any(line.startswith("Table,Budget,Preset,Agent,,Hallway") for line in lines)
